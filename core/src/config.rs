@@ -1,0 +1,200 @@
+//! Configuration: plain data, every field with its unit, its range and what more or less of it does.
+
+use crate::controller::policy::Choice;
+use crate::controller::reward::Reward;
+use crate::controller::value::Learning;
+use crate::error::{Error, Setting};
+use crate::perceptor::association::Mode;
+use crate::perceptor::state_filter::Motion;
+
+/// Where the tag is believed to be before the first cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Start {
+    /// Position, metres (within 10 km of the origin).
+    pub position_m: [f32; 2],
+    /// Its standard deviation per axis, metres (1e-3 to 1e3).
+    pub position_std_m: f32,
+    /// Standard deviation of the velocity per axis around zero, m/s (1e-3 to 1e3).
+    pub velocity_std_m_s: f32,
+}
+
+/// What a range is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Ranging {
+    /// Factor on every measurement variance (1 to 100). Above 1, the filter forgives errors that the bound does
+    /// not know of; 2.25 is common.
+    pub variance_inflation: f32,
+    /// Standard deviation that no range goes below, metres (1e-3 to 10): calibration, wall delays.
+    pub floor_m: f32,
+    /// Mean of the range bias expected of every anchor, metres (-10 to 10).
+    pub bias_mean_m: f32,
+    /// Its standard deviation, metres (0 to 10). Above 0, one bias per anchor is estimated.
+    pub bias_std_m: f32,
+    /// Ranges beyond this are refused, metres (1 to 1e4).
+    pub max_range_m: f32,
+}
+
+/// What association assumes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct AssociationSettings {
+    /// Soft or most probable.
+    pub mode: Mode,
+    /// Probability that an existing feature is detected (0.01 to 0.999).
+    pub detection_probability: f32,
+    /// Mean number of false alarms per anchor and cycle (1e-3 to 100), uniform up to the longest range.
+    pub clutter_per_anchor: f32,
+    /// Expected number of paths per anchor that come from virtual anchors not in the map, at the start (0 to 100);
+    /// adapted to what is seen.
+    pub unmapped_per_anchor: f32,
+    /// Probability that a virtual anchor survives a cycle (0.5 to 1).
+    pub survival_probability: f32,
+}
+
+/// What the radio's frames look like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Radio {
+    /// Roll-off of the root-raised-cosine pulse (0 to 1).
+    pub roll_off: f32,
+    /// Sample spacing, seconds (0.01 to 10 ns); at most 1 / (bandwidth), half the pulse duration is usual.
+    pub sample_spacing_s: f32,
+    /// Samples per frame (16 to 4096).
+    pub samples_per_frame: usize,
+    /// Full scale of the converter in the unit of the samples, if it has one: frames that reach it are refused.
+    pub full_scale: Option<f32>,
+    /// False paths per frame in pure noise (1e-4 to 10). More finds weaker paths and more phantoms.
+    pub false_paths_per_frame: f32,
+}
+
+/// How the next action is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ControllerSettings {
+    /// What is maximised.
+    pub reward: Reward,
+    /// Learning rate and discount.
+    pub learning: Learning,
+    /// Temperature, exploration, hysteresis.
+    pub choice: Choice,
+    /// Actions planned per cycle (0: none, the radio then never leaves its action; at most the library).
+    pub planned_actions: usize,
+    /// Planning horizon, cycles (1 to 16).
+    pub horizon: usize,
+    /// The action of the first cycle.
+    pub first_action: usize,
+    /// SINR (linear) assumed of a source and action never observed (0.01 to 1e6).
+    pub prior_sinr: f32,
+}
+
+/// The whole configuration of a tracker.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// How the tag moves.
+    pub motion: Motion,
+    /// Where it starts.
+    pub start: Start,
+    /// What a range is worth.
+    pub ranging: Ranging,
+    /// What association assumes.
+    pub association: AssociationSettings,
+    /// Whether unknown virtual anchors are looked for.
+    pub discovery: bool,
+    /// What frames look like.
+    pub radio: Radio,
+    /// How the next action is found.
+    pub controller: ControllerSettings,
+}
+
+impl Default for Config {
+    /// The published set-up: a tag at 1 cm per cycle in a room, a 2 GHz radio, 40 actions of which 20 planned.
+    fn default() -> Self {
+        Self {
+            motion: Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 },
+            start: Start { position_m: [0.0, 0.0], position_std_m: 0.25, velocity_std_m_s: 0.03 },
+            ranging: Ranging {
+                variance_inflation: 2.25,
+                floor_m: 5e-3,
+                bias_mean_m: 0.0,
+                bias_std_m: 0.0,
+                max_range_m: 30.0,
+            },
+            association: AssociationSettings {
+                mode: Mode::Soft,
+                detection_probability: 0.95,
+                clutter_per_anchor: 1.0,
+                unmapped_per_anchor: 5.0,
+                survival_probability: 0.999,
+            },
+            discovery: true,
+            radio: Radio {
+                roll_off: 0.6,
+                sample_spacing_s: 0.25e-9,
+                samples_per_frame: 400,
+                full_scale: None,
+                false_paths_per_frame: 0.1,
+            },
+            controller: ControllerSettings {
+                reward: Reward::InformationGain,
+                learning: Learning { rate: 0.5, discount: 0.5, bootstrap: false },
+                choice: Choice { temperature_nat: 0.1, exploration: 0.05, hysteresis_nat: 0.05 },
+                planned_actions: 20,
+                horizon: 1,
+                first_action: 0,
+                prior_sinr: 10.0,
+            },
+        }
+    }
+}
+
+impl Config {
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// [`Error::Configuration`] naming the first one outside.
+    pub fn validate(&self) -> Result<(), Error> {
+        let within = |value: f32, low: f32, high: f32, setting: Setting| {
+            // Written so that NaN fails.
+            if value >= low && value <= high { Ok(()) } else { Err(Error::Configuration(setting)) }
+        };
+        let Config { motion, start, ranging, association, discovery: _, radio, controller } = self;
+        within(motion.acceleration_std_m_s2, 1e-6, 100.0, Setting::AccelerationStd)?;
+        within(motion.virtual_anchor_walk_m, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
+        for coordinate in start.position_m {
+            within(coordinate, -1e4, 1e4, Setting::StartPosition)?;
+        }
+        within(start.position_std_m, 1e-3, 1e3, Setting::StartDeviation)?;
+        within(start.velocity_std_m_s, 1e-3, 1e3, Setting::StartDeviation)?;
+        within(ranging.variance_inflation, 1.0, 100.0, Setting::RangeVarianceInflation)?;
+        within(ranging.floor_m, 1e-3, 10.0, Setting::RangeFloor)?;
+        within(ranging.bias_mean_m, -10.0, 10.0, Setting::BiasPrior)?;
+        within(ranging.bias_std_m, 0.0, 10.0, Setting::BiasPrior)?;
+        within(ranging.max_range_m, 1.0, 1e4, Setting::MaxRange)?;
+        within(association.detection_probability, 0.01, 0.999, Setting::DetectionProbability)?;
+        within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
+        within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
+        within(association.survival_probability, 0.5, 1.0, Setting::SurvivalProbability)?;
+        within(radio.roll_off, 0.0, 1.0, Setting::RollOff)?;
+        within(radio.sample_spacing_s, 0.99e-11, 1.01e-8, Setting::SampleSpacing)?;
+        within(radio.samples_per_frame as f32, 16.0, 4096.0, Setting::SampleCount)?;
+        if let Some(full_scale) = radio.full_scale {
+            within(full_scale, 1e-15, 1e15, Setting::FullScale)?;
+        }
+        within(radio.false_paths_per_frame, 1e-4, 10.0, Setting::FalsePaths)?;
+        within(controller.learning.rate, 0.0, 1.0, Setting::LearningRate)?;
+        within(controller.learning.discount, 0.0, 1.0, Setting::Discount)?;
+        within(controller.choice.temperature_nat, 1e-3, 100.0, Setting::Temperature)?;
+        within(controller.choice.exploration, 0.0, 1.0, Setting::Exploration)?;
+        within(controller.choice.hysteresis_nat, 0.0, 100.0, Setting::Hysteresis)?;
+        within(controller.planned_actions as f32, 0.0, 1e3, Setting::PlannedActions)?;
+        within(controller.horizon as f32, 1.0, 16.0, Setting::Horizon)?;
+        within(controller.prior_sinr, 0.01, 1e6, Setting::PriorSinr)?;
+        if let Reward::Published { scale } = controller.reward {
+            within(scale, 1e-30, 1e30, Setting::RewardScale)?;
+        }
+        Ok(())
+    }
+}

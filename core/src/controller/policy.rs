@@ -1,0 +1,160 @@
+//! Policy: from values to a choice.
+//!
+//! The published recursion pi <- pi exp(dJ / tau) telescopes to softmax(J / tau), which is computed directly:
+//! nothing accumulates and no action's probability dies. A floor of 1e-3 / |C| keeps every action alive.
+
+use super::value::ActionValues;
+use crate::real::{exp, larger, ln};
+use rand_core::Rng;
+
+/// How the next action is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Choice {
+    /// Temperature tau of the softmax, nats (1e-3 to 100): smaller is greedier.
+    pub temperature_nat: f32,
+    /// Probability epsilon of drawing from the policy instead of taking the best action.
+    pub exploration: f32,
+    /// The best action replaces the present one only if it is worth this much more, nats.
+    pub hysteresis_nat: f32,
+}
+
+/// pi = softmax(J / tau) with a floor, over the first `count` actions; zero for the rest.
+pub fn policy<const ACTIONS: usize>(
+    values: &ActionValues<ACTIONS>,
+    count: usize,
+    temperature: f32,
+) -> [f32; ACTIONS] {
+    let mut most = f32::NEG_INFINITY;
+    for &value in values.values().iter().take(count) {
+        most = larger(value, most);
+    }
+    let mut probabilities = [0.0; ACTIONS];
+    let mut sum = 0.0;
+    for (p, value) in probabilities.iter_mut().zip(values.values()).take(count) {
+        *p = exp((value - most) / temperature);
+        sum += *p;
+    }
+    let floor = 1e-3 / larger(count as f32, 1.0);
+    let scale = (1.0 - 1e-3) / larger(sum, 1e-30);
+    for p in probabilities.iter_mut().take(count) {
+        *p = *p * scale + floor;
+    }
+    probabilities
+}
+
+/// A uniform number in (0, 1].
+pub fn uniform(rng: &mut impl Rng) -> f32 {
+    ((rng.next_u32() >> 8) as f32 + 1.0) / 16_777_216.0
+}
+
+/// `wanted` distinct actions drawn from the policy without replacement, `keep` always among them.
+///
+/// Exponential race: the smallest -ln(u) / pi win, which has the distribution of successive draws.
+pub fn planned_set<const ACTIONS: usize>(
+    policy: &[f32; ACTIONS],
+    count: usize,
+    wanted: usize,
+    keep: [usize; 2],
+    rng: &mut impl Rng,
+) -> [bool; ACTIONS] {
+    let mut arrival = [f32::INFINITY; ACTIONS];
+    for (action, (time, &p)) in arrival.iter_mut().zip(policy).enumerate().take(count) {
+        *time = -ln(uniform(rng)) / larger(p, 1e-30);
+        if keep.contains(&action) {
+            *time = -1.0;
+        }
+    }
+    let mut chosen = [false; ACTIONS];
+    for _ in 0..wanted {
+        let mut earliest = (usize::MAX, f32::INFINITY);
+        for (action, &time) in arrival.iter().enumerate() {
+            if time < earliest.1 {
+                earliest = (action, time);
+            }
+        }
+        match (chosen.get_mut(earliest.0), arrival.get_mut(earliest.0)) {
+            (Some(flag), Some(time)) => {
+                *flag = true;
+                *time = f32::INFINITY;
+            }
+            _ => break,
+        }
+    }
+    chosen
+}
+
+/// The next action: with probability epsilon drawn from the policy, else the best, with hysteresis.
+pub fn choose<const ACTIONS: usize>(
+    values: &ActionValues<ACTIONS>,
+    policy: &[f32; ACTIONS],
+    count: usize,
+    present: usize,
+    choice: &Choice,
+    rng: &mut impl Rng,
+) -> usize {
+    if uniform(rng) <= choice.exploration {
+        let mut left = uniform(rng);
+        for (action, &p) in policy.iter().enumerate().take(count) {
+            left -= p;
+            if left <= 0.0 {
+                return action;
+            }
+        }
+    }
+    let best = values.best(count);
+    if values.get(best) > values.get(present) + choice.hysteresis_nat { best } else { present }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controller::value::Learning;
+    use rand_core::SeedableRng;
+    use rand_xoshiro::Xoshiro128PlusPlus;
+
+    const LEARNING: Learning = Learning { rate: 1.0, discount: 0.5, bootstrap: false };
+
+    #[test]
+    fn the_policy_sums_to_one_and_no_action_dies() {
+        let mut values = ActionValues::<8>::default();
+        values.learn(3, 500.0, &[0.125; 8], &LEARNING);
+        let pi = policy(&values, 6, 0.1);
+        assert!((pi.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+        assert!(pi[..6].iter().all(|&p| p > 1e-4) && pi[6] == 0.0 && pi[3] > 0.99);
+    }
+
+    #[test]
+    fn the_planned_set_has_the_size_asked_for_and_keeps_the_incumbents() {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(7);
+        let values = ActionValues::<40>::default();
+        let pi = policy(&values, 40, 0.1);
+        let mut drawn = [0_u32; 40];
+        for _ in 0..4000 {
+            let set = planned_set(&pi, 40, 20, [5, 9], &mut rng);
+            assert!(set[5] && set[9] && set.iter().filter(|&&b| b).count() == 20);
+            set.iter().zip(&mut drawn).for_each(|(&b, n)| *n += u32::from(b));
+        }
+        for (action, &n) in drawn.iter().enumerate() {
+            if action != 5 && action != 9 {
+                assert!((f64::from(n) / 4000.0 - 18.0 / 38.0).abs() < 0.04, "{action}: {n}");
+            }
+        }
+    }
+
+    #[test]
+    fn hysteresis_holds_the_present_action_and_exploration_leaves_it() {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(7);
+        let mut values = ActionValues::<4>::default();
+        values.learn(2, 0.04, &[0.25; 4], &LEARNING);
+        let pi = policy(&values, 4, 0.1);
+        let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05 };
+        assert_eq!(choose(&values, &pi, 4, 0, &still, &mut rng), 0);
+        let keen = Choice { hysteresis_nat: 0.0, ..still };
+        assert_eq!(choose(&values, &pi, 4, 0, &keen, &mut rng), 2);
+        let curious = Choice { exploration: 1.0, ..still };
+        let mut seen = [false; 4];
+        (0..200).for_each(|_| seen[choose(&values, &pi, 4, 0, &curious, &mut rng)] = true);
+        assert_eq!(seen, [true; 4]);
+    }
+}

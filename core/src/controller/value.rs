@@ -1,0 +1,64 @@
+//! Action values J: what each action is believed to be worth.
+
+/// Learning parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Learning {
+    /// Learning rate alpha, 0 to 1: larger follows changes faster and averages less.
+    pub rate: f32,
+    /// Discount gamma of later rewards, 0 to 1.
+    pub discount: f32,
+    /// Whether the bootstrap term gamma sum pi J enters. It is the same for all actions, so it cannot change
+    /// their order but inflates those updated often; off by default.
+    pub bootstrap: bool,
+}
+
+/// J over the library.
+#[derive(Clone, Debug)]
+pub struct ActionValues<const ACTIONS: usize> {
+    values: [f32; ACTIONS],
+}
+
+impl<const ACTIONS: usize> Default for ActionValues<ACTIONS> {
+    fn default() -> Self {
+        Self { values: [0.0; ACTIONS] }
+    }
+}
+
+impl<const ACTIONS: usize> ActionValues<ACTIONS> {
+    /// The values.
+    pub fn values(&self) -> &[f32; ACTIONS] {
+        &self.values
+    }
+
+    /// Value of one action; 0 for an unknown one.
+    pub fn get(&self, action: usize) -> f32 {
+        self.values.get(action).copied().unwrap_or(0.0)
+    }
+
+    /// J(c) <- (1 - alpha) J(c) + alpha (r + gamma sum pi J), the sum only with the bootstrap.
+    pub fn learn(&mut self, action: usize, reward: f32, policy: &[f32; ACTIONS], learning: &Learning) {
+        let mut target = reward;
+        if learning.bootstrap {
+            let mut expected = 0.0;
+            for (p, value) in policy.iter().zip(&self.values) {
+                expected += p * value;
+            }
+            target += learning.discount * expected;
+        }
+        if let Some(value) = self.values.get_mut(action) {
+            *value = (1.0 - learning.rate) * *value + learning.rate * target;
+        }
+    }
+
+    /// The action of largest value among the first `count`; the first of equals.
+    pub fn best(&self, count: usize) -> usize {
+        let mut best = (0, f32::NEG_INFINITY);
+        for (action, &value) in self.values.iter().enumerate().take(count) {
+            if value > best.1 {
+                best = (action, value);
+            }
+        }
+        best.0
+    }
+}

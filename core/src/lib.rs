@@ -1,0 +1,65 @@
+//! Cognitive, multipath-assisted UWB tracking in fixed memory.
+//!
+//! Indoors, a UWB pulse reaches a tag over the direct path and over wall reflections, each of which seems to come
+//! from a *virtual anchor*: the anchor's mirror image in the wall. This crate turns reflections into extra anchors
+//! and chooses the carrier of the next measurement so that it tells most about the position.
+//!
+//! # Layers
+//!
+//! - [`cycle::Tracker`]: the whole perception-action cycle in one call. For firmware that wants a position.
+//! - [`perceptor`]: channel estimator, association, state filter, discovery. Each can be used alone.
+//! - [`memory`], [`information`], [`controller`]: what is remembered, what a measurement tells, what to do next.
+//!
+//! Every layer is public and documented. Input comes as [`observation`]s; [`config::Config`] is plain data; bad
+//! input is an [`Error`] and changes nothing.
+//!
+//! # Guarantees
+//!
+//! `no_std`, no heap, no `unsafe`, no panic. The same input gives the same bits on every machine: see [`real`] for
+//! the arithmetic contract and [`trace`] for how it is checked.
+//!
+//! ```
+//! use cogmint_core::controller::library::LIBRARY_PUBLISHED;
+//! use cogmint_core::observation::{Observation, Range, RangeScan};
+//! use cogmint_core::{Anchor, Config, Tracker};
+//!
+//! let anchors = [
+//!     Anchor { position_m: [0.5, 7.0], height_m: 0.0 },
+//!     Anchor { position_m: [5.2, 3.2], height_m: 0.0 },
+//! ];
+//! let mut config = Config::default();
+//! config.start.position_m = [3.0, 7.5];
+//! let mut tracker = Tracker::<2, 24, 16, 40>::new(config, &anchors, &[], &LIBRARY_PUBLISHED, 1)?;
+//! let ranges = [Range { range_m: 2.65, variance_m2: 1e-4 }];
+//! let report = tracker.cycle(&[Observation::Ranges(RangeScan { anchor: 0, ranges: &ranges })], 0.1, None)?;
+//! assert!(report.entropy_nat < report.predicted_entropy_nat);
+//! # Ok::<(), cogmint_core::Error>(())
+//! ```
+
+#![no_std]
+// Tests run on a host, where a panic is how a test fails.
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing))]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod anchor;
+pub mod config;
+pub mod controller;
+pub mod cycle;
+mod error;
+pub mod information;
+pub mod memory;
+pub mod observation;
+pub mod observer;
+pub mod perceptor;
+pub mod pulse;
+pub mod real;
+pub mod report;
+pub mod trace;
+
+pub use anchor::{Anchor, MappedVirtualAnchor};
+pub use config::Config;
+pub use cycle::Tracker;
+pub use error::{Error, Setting};
+pub use report::CycleReport;

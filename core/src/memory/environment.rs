@@ -1,0 +1,111 @@
+//! Environment memory: which virtual anchors exist, and how sure that is.
+//!
+//! The state filter holds where they are; this memory holds that they are. Existence follows the Bernoulli
+//! recursion r <- P_s r between scans and the association's posterior after each; a virtual anchor is confirmed
+//! above 0.5 and forgotten below 1e-3, or after 60 scans in a row without a path.
+
+use crate::real::smaller;
+
+/// Existence above which a virtual anchor counts for planning and in reports.
+pub const CONFIRMED: f32 = 0.5;
+/// Existence below which it is forgotten.
+const FORGOTTEN: f32 = 1e-3;
+/// Scans in a row without a path after which it is forgotten.
+const MISSES: u16 = 60;
+/// Existence is never certain: a wall can be taken down.
+const MOST_CERTAIN: f32 = 0.999;
+
+/// One virtual anchor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Record {
+    /// Index of the physical anchor whose image it is.
+    pub anchor: usize,
+    /// Probability that it exists.
+    pub existence: f32,
+    /// Scans in a row without a path.
+    pub misses: u16,
+    /// Scans with a path.
+    pub hits: u32,
+}
+
+/// The virtual anchors by slot.
+#[derive(Clone, Debug)]
+pub struct EnvironmentMemory<const VAS: usize> {
+    records: [Option<Record>; VAS],
+}
+
+impl<const VAS: usize> Default for EnvironmentMemory<VAS> {
+    fn default() -> Self {
+        Self { records: [None; VAS] }
+    }
+}
+
+impl<const VAS: usize> EnvironmentMemory<VAS> {
+    /// The record in `slot`; `None` where the slot is free.
+    pub fn get(&self, slot: usize) -> Option<&Record> {
+        self.records.get(slot)?.as_ref()
+    }
+
+    /// Slots and records of all virtual anchors.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, &Record)> + Clone {
+        self.records.iter().enumerate().filter_map(|(slot, record)| Some((slot, record.as_ref()?)))
+    }
+
+    /// The first free slot.
+    pub fn free_slot(&self) -> Option<usize> {
+        self.records.iter().position(Option::is_none)
+    }
+
+    /// Fills a free slot; does nothing where it is taken or does not exist.
+    pub fn insert(&mut self, slot: usize, anchor: usize, existence: f32) {
+        if let Some(record @ None) = self.records.get_mut(slot) {
+            *record =
+                Some(Record { anchor, existence: smaller(existence, MOST_CERTAIN), misses: 0, hits: 0 });
+        }
+    }
+
+    /// Existence of the virtual anchor in `slot` before a scan: P_s r.
+    pub fn expected_existence(&self, slot: usize, survival: f32) -> f32 {
+        self.get(slot).map_or(0.0, |record| smaller(record.existence * survival, MOST_CERTAIN))
+    }
+
+    /// Enters the outcome of a scan: the posterior existence and whether a path was (probably) seen.
+    pub fn remember(&mut self, slot: usize, existence: f32, seen: bool) {
+        if let Some(Some(record)) = self.records.get_mut(slot) {
+            record.existence = smaller(existence, MOST_CERTAIN);
+            if seen {
+                record.misses = 0;
+                record.hits = record.hits.saturating_add(1);
+            } else {
+                record.misses = record.misses.saturating_add(1);
+            }
+        }
+    }
+
+    /// When the map is full: forgets the least probable virtual anchor, if it is not confirmed; returns its slot.
+    pub fn give_way(&mut self) -> Option<usize> {
+        let (slot, record) = self
+            .records
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, record)| record.is_some_and(|record| record.existence <= CONFIRMED))
+            .reduce(|a, b| {
+                let existence = |record: &Option<Record>| record.map_or(0.0, |record| record.existence);
+                if existence(b.1) < existence(a.1) { b } else { a }
+            })?;
+        *record = None;
+        Some(slot)
+    }
+
+    /// Forgets the first virtual anchor that has become improbable; returns its slot.
+    pub fn forget_one(&mut self) -> Option<usize> {
+        let slot = self.records.iter().position(|record| {
+            record.as_ref().is_some_and(|record| record.existence < FORGOTTEN || record.misses > MISSES)
+        })?;
+        if let Some(record) = self.records.get_mut(slot) {
+            *record = None;
+        }
+        Some(slot)
+    }
+}

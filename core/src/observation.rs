@@ -1,0 +1,164 @@
+//! What the radio delivers in one cycle: raw frames, or ranges somebody else estimated.
+
+use crate::error::Error;
+use crate::real::{SPEED_OF_LIGHT_M_S, abs};
+
+/// Complex baseband sample: real and imaginary part.
+pub type Complex = [f32; 2];
+
+/// The samples of one frame, evenly spaced, as they leave the receiver's matched filter (what radios log as
+/// the channel impulse response).
+#[derive(Clone, Copy, Debug)]
+pub enum Samples<'a> {
+    /// Amplitude and phase.
+    Complex(&'a [Complex]),
+    /// Amplitude alone, for radios that log no phase; not negative.
+    Magnitude(&'a [f32]),
+}
+
+impl Samples<'_> {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        match self {
+            Samples::Complex(samples) => samples.len(),
+            Samples::Magnitude(samples) => samples.len(),
+        }
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// One received channel impulse response.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Index of the anchor.
+    pub anchor: usize,
+    /// Index of the action (carrier and pulse) the frame was received with.
+    pub action: usize,
+    /// The radio's frame counter, where it has one: a counter seen before is refused as a duplicate.
+    pub sequence: Option<u32>,
+    /// Propagation delay that the first sample stands for, seconds; may be negative.
+    pub first_sample_delay_s: f32,
+    /// The samples.
+    pub samples: Samples<'a>,
+}
+
+/// A range estimated outside cogmint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Range {
+    /// Distance, metres.
+    pub range_m: f32,
+    /// Variance, square metres.
+    pub variance_m2: f32,
+}
+
+/// The ranges of one anchor in one cycle, in any order; which of them is the direct path is not known.
+#[derive(Clone, Copy, Debug)]
+pub struct RangeScan<'a> {
+    /// Index of the anchor.
+    pub anchor: usize,
+    /// At most `PATHS` ranges.
+    pub ranges: &'a [Range],
+}
+
+/// One anchor's contribution to a cycle. An anchor may deliver both a frame and a scan: the scan's ranges then
+/// replace the frame's paths within a pulse duration of them.
+#[derive(Clone, Copy, Debug)]
+pub enum Observation<'a> {
+    /// Raw samples.
+    Frame(Frame<'a>),
+    /// Ranges.
+    Ranges(RangeScan<'a>),
+}
+
+impl Observation<'_> {
+    /// Index of the anchor.
+    pub fn anchor(&self) -> usize {
+        match self {
+            Observation::Frame(frame) => frame.anchor,
+            Observation::Ranges(scan) => scan.anchor,
+        }
+    }
+}
+
+/// Largest sample magnitude accepted: its square, summed over a frame, stays finite in f32.
+const LARGEST_SAMPLE: f32 = 1e15;
+
+/// What a frame must satisfy.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FrameRules {
+    pub samples: usize,
+    pub full_scale: Option<f32>,
+    pub max_range_m: f32,
+}
+
+/// Checks a frame's samples and delay; says what is wrong with the first offending one.
+pub(crate) fn check_frame(frame: &Frame<'_>, rules: &FrameRules) -> Result<(), Error> {
+    let anchor = frame.anchor;
+    let given = frame.samples.len();
+    if given != rules.samples {
+        return Err(Error::FrameLength { anchor, given, expected: rules.samples });
+    }
+    let longest_delay_s = rules.max_range_m / SPEED_OF_LIGHT_M_S;
+    // Radios log before the first path as well: up to 10 us of lead is normal.
+    if !(frame.first_sample_delay_s > -1e-5 && frame.first_sample_delay_s < longest_delay_s) {
+        return Err(Error::FrameDelay { anchor });
+    }
+    let mut saturated = 0_usize;
+    let mut silent = true;
+    let full_scale = rules.full_scale.unwrap_or(LARGEST_SAMPLE);
+    match frame.samples {
+        Samples::Complex(samples) => {
+            for (sample, value) in samples.iter().enumerate() {
+                for part in value {
+                    if !(abs(*part) < LARGEST_SAMPLE) {
+                        return Err(Error::SampleNotFinite { anchor, sample });
+                    }
+                    silent &= *part == 0.0;
+                }
+                saturated += usize::from(value.iter().any(|part| abs(*part) >= full_scale));
+            }
+        }
+        Samples::Magnitude(samples) => {
+            for (sample, value) in samples.iter().enumerate() {
+                if !(abs(*value) < LARGEST_SAMPLE) {
+                    return Err(Error::SampleNotFinite { anchor, sample });
+                }
+                if *value < 0.0 {
+                    return Err(Error::NegativeMagnitude { anchor, sample });
+                }
+                silent &= *value == 0.0;
+                saturated += usize::from(*value >= full_scale);
+            }
+        }
+    }
+    if silent {
+        return Err(Error::SilentFrame { anchor });
+    }
+    // One sample may graze full scale; two or more mean a clipped pulse.
+    if saturated > 1 {
+        return Err(Error::SaturatedFrame { anchor, samples: saturated });
+    }
+    Ok(())
+}
+
+/// Checks a scan against the capacity and the longest range.
+pub(crate) fn check_scan(scan: &RangeScan<'_>, limit: usize, max_range_m: f32) -> Result<(), Error> {
+    let anchor = scan.anchor;
+    if scan.ranges.len() > limit {
+        return Err(Error::RangeCount { anchor, given: scan.ranges.len(), limit });
+    }
+    for (index, range) in scan.ranges.iter().enumerate() {
+        if !(range.range_m > 0.0 && range.range_m <= max_range_m) {
+            return Err(Error::Range { anchor, index });
+        }
+        if !(range.variance_m2 >= 1e-6 && range.variance_m2 <= 1e4) {
+            return Err(Error::RangeVariance { anchor, index });
+        }
+    }
+    Ok(())
+}

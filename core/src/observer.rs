@@ -1,0 +1,40 @@
+//! Watching a cycle from inside.
+
+use crate::perceptor::association::{Beliefs, Measurement};
+use crate::perceptor::channel_estimator::ChannelEstimate;
+
+/// The stages of a cycle, for those who watch it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Stage {
+    /// Input checks.
+    Receive,
+    /// Channel estimation.
+    Estimate,
+    /// Prediction of the state.
+    Predict,
+    /// Regressions and data association.
+    Associate,
+    /// Update of the state.
+    Update,
+    /// Environment and channel memories.
+    Remember,
+    /// Candidates and the life of virtual anchors.
+    Discover,
+    /// Reward, learning, planning and choice.
+    Act,
+    /// The cycle is over.
+    Done,
+}
+
+/// Watches a cycle from inside: to count instructions per stage, to compare intermediates, to draw.
+pub trait Observer<const VAS: usize, const PATHS: usize> {
+    /// A stage begins.
+    fn stage(&mut self, _stage: Stage) {}
+    /// The channel estimator's result for a frame.
+    fn estimate(&mut self, _anchor: usize, _estimate: &ChannelEstimate<PATHS>) {}
+    /// The measurements of an anchor and the beliefs about them.
+    fn beliefs(&mut self, _anchor: usize, _measurements: &[Measurement], _beliefs: &Beliefs<VAS, PATHS>) {}
+}
+
+impl<const VAS: usize, const PATHS: usize> Observer<VAS, PATHS> for () {}

@@ -1,0 +1,673 @@
+//! State filter: the joint Gaussian of tag and virtual anchors, in the reduced form of the unscented filter.
+//!
+//! State: agent x = [p, v] (position and velocity, 2-D), range bias b_j of each anchor (optional), virtual
+//! anchors a_k. Covariance in blocks: C_xx, C_xb[j], C_bb[j][i], C_xa[k], C_ba[k][j], C_aa[k][l].
+//!
+//! **Prediction** is linear: x <- F x, C_xx <- F C_xx F' + sigma_a^2 G G', C_xa <- F C_xa, C_xb <- F C_xb, and a
+//! small random walk for the virtual anchors. Nothing else moves.
+//!
+//! **Measurement.** A range z = |d| + b depends on d = p - a alone (the anchor's height above the tag enters
+//! |d|). Five sigma points on the 2 x 2 covariance of d (centre weight 1/3, spread sqrt 3: all moments of a
+//! Gaussian to the fifth order) give the statistical linear regression z = mean + g'(d - E d) + residual, which
+//! the joint covariance carries to all other states. All regressions of a cycle are taken before its first
+//! update, and each innovation is corrected by how far the state has moved since: the batch result with
+//! diagonal residuals, whatever the order. Each update is one rank-one change, also where the association is
+//! soft: with S the innovation variance, beta the total probability, and nu the innovations,
+//! C <- C + (spread / S^2 - beta / S) w w', w = C h.
+//!
+//! **Positive definite in f32.** Three things keep it so. An update is never allowed to shrink a variance by
+//! more than 2^-10 at once (a smaller measurement variance is raised to that, and the next cycle takes the
+//! rest). Each prediction adds 2^-19 of its own variance to every state, the size of the rounding errors of a
+//! cycle. Variances of the predicted range are sums of squares, never differences.
+
+use crate::real::{larger, smaller, sqrt};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
+
+/// Most that one update may shrink a variance: 2^-10.
+const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
+/// Relative growth of every variance per prediction, 2^-19: covers the rounding of a cycle's updates.
+const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
+/// Least standard deviation that sigma points are spread by, squared, square metres.
+const SMALLEST_SPREAD_M2: f32 = 1e-12;
+
+/// What a range was reflected by, in the filter's terms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Source {
+    /// The direct path of physical anchor `anchor`.
+    Direct {
+        /// Index of the anchor.
+        anchor: usize,
+    },
+    /// The virtual anchor in slot `slot`, belonging to physical anchor `anchor`.
+    Virtual {
+        /// Index of the anchor.
+        anchor: usize,
+        /// Slot of the virtual anchor.
+        slot: usize,
+    },
+}
+
+impl Source {
+    /// Index of the physical anchor.
+    pub fn anchor(&self) -> usize {
+        match *self {
+            Source::Direct { anchor } | Source::Virtual { anchor, .. } => anchor,
+        }
+    }
+}
+
+/// Statistical linear regression of one range on the state, taken at the prior.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Regression {
+    /// What the range belongs to.
+    pub source: Source,
+    /// Expected range, bias included, metres.
+    pub range_m: f32,
+    /// Slope g of the range over d = p - a.
+    pub slope: [f32; 2],
+    /// Part of the range's variance that the line does not explain, square metres.
+    pub residual_m2: f32,
+    /// Part that it does: g' C_d g and the bias, square metres.
+    pub explained_m2: f32,
+}
+
+impl Regression {
+    /// Variance of the expected range, square metres.
+    pub fn variance_m2(&self) -> f32 {
+        self.explained_m2 + self.residual_m2
+    }
+}
+
+/// The measurements associated with one source, summed up: with association probabilities beta_m and
+/// innovations nu_m = z_m - E z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Innovation {
+    /// The regression the innovations refer to.
+    pub regression: Regression,
+    /// Sum of beta_m: 1 for a hard association.
+    pub weight: f32,
+    /// Sum of beta_m nu_m, metres.
+    pub first_m: f32,
+    /// Sum of beta_m nu_m^2, square metres.
+    pub second_m2: f32,
+    /// Variance of the measurement, square metres.
+    pub variance_m2: f32,
+}
+
+/// How the tag moves and how much the map breathes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Motion {
+    /// Standard deviation of the tag's acceleration per axis, m/s^2 (1e-6 to 100). Larger follows turns faster
+    /// and averages less.
+    pub acceleration_std_m_s2: f32,
+    /// Random walk of each virtual anchor per cycle and axis, metres (1e-7 to 1). Larger forgets map errors faster.
+    pub virtual_anchor_walk_m: f32,
+}
+
+/// Joint covariance in blocks. Of C_aa, the blocks with l <= k are kept.
+#[derive(Clone, Debug)]
+struct Covariance<const ANCHORS: usize, const VAS: usize> {
+    xx: Matrix4<f32>,
+    xb: [Vector4<f32>; ANCHORS],
+    bb: [[f32; ANCHORS]; ANCHORS],
+    xa: [Matrix4x2<f32>; VAS],
+    ba: [[Vector2<f32>; ANCHORS]; VAS],
+    aa: [[Matrix2<f32>; VAS]; VAS],
+}
+
+/// The mean, and with it the direction of an update.
+#[derive(Clone, Debug)]
+struct StateVector<const ANCHORS: usize, const VAS: usize> {
+    agent: Vector4<f32>,
+    bias_m: [f32; ANCHORS],
+    virtual_anchors: [Vector2<f32>; VAS],
+}
+
+/// Geometry of one measurement: the fixed position of the anchor (for direct paths) and its height above the tag.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sight {
+    /// Position of the physical anchor, metres.
+    pub anchor_m: [f32; 2],
+    /// Height of the physical anchor above the tag, metres; 0 where ranges are horizontal.
+    pub height_m: f32,
+}
+
+/// The joint filter of a tag and up to `VAS` virtual anchors, seen from up to `ANCHORS` physical ones.
+#[derive(Clone, Debug)]
+pub struct StateFilter<const ANCHORS: usize, const VAS: usize> {
+    mean: StateVector<ANCHORS, VAS>,
+    covariance: Covariance<ANCHORS, VAS>,
+    occupied: [bool; VAS],
+    estimate_bias: bool,
+    motion: Motion,
+}
+
+impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
+    /// A tag somewhere around `position_m` with no virtual anchors. A `bias_std_m` of 0 switches the biases off
+    /// (they stay at `bias_mean_m`).
+    pub fn new(
+        motion: Motion,
+        position_m: [f32; 2],
+        position_std_m: f32,
+        velocity_std_m_s: f32,
+        bias_mean_m: f32,
+        bias_std_m: f32,
+    ) -> Self {
+        let [x, y] = position_m;
+        let position = position_std_m * position_std_m;
+        let velocity = velocity_std_m_s * velocity_std_m_s;
+        let mut bb = [[0.0; ANCHORS]; ANCHORS];
+        for (j, row) in bb.iter_mut().enumerate() {
+            if let Some(variance) = row.get_mut(j) {
+                *variance = bias_std_m * bias_std_m;
+            }
+        }
+        Self {
+            mean: StateVector {
+                agent: Vector4::new(x, y, 0.0, 0.0),
+                bias_m: [bias_mean_m; ANCHORS],
+                virtual_anchors: [Vector2::new(0.0, 0.0); VAS],
+            },
+            covariance: Covariance {
+                xx: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
+                xb: [Vector4::new(0.0, 0.0, 0.0, 0.0); ANCHORS],
+                bb,
+                xa: [Matrix4x2::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0); VAS],
+                ba: [[Vector2::new(0.0, 0.0); ANCHORS]; VAS],
+                aa: [[Matrix2::new(0.0, 0.0, 0.0, 0.0); VAS]; VAS],
+            },
+            occupied: [false; VAS],
+            estimate_bias: bias_std_m > 0.0,
+            motion,
+        }
+    }
+
+    /// Position of the tag, metres.
+    pub fn position_m(&self) -> [f32; 2] {
+        [self.mean.agent.x, self.mean.agent.y]
+    }
+
+    /// Velocity of the tag, m/s.
+    pub fn velocity_m_s(&self) -> [f32; 2] {
+        [self.mean.agent.z, self.mean.agent.w]
+    }
+
+    /// Covariance of position and velocity.
+    pub fn agent_covariance(&self) -> Matrix4<f32> {
+        self.covariance.xx
+    }
+
+    /// Covariance of the position, square metres.
+    pub fn position_covariance_m2(&self) -> Matrix2<f32> {
+        let c = &self.covariance.xx;
+        Matrix2::new(c.m11, c.m12, c.m21, c.m22)
+    }
+
+    /// Range bias of an anchor and its variance.
+    pub fn bias_m(&self, anchor: usize) -> Option<(f32, f32)> {
+        let mean = self.mean.bias_m.get(anchor)?;
+        let variance = self.covariance.bb.get(anchor)?.get(anchor)?;
+        Some((*mean, *variance))
+    }
+
+    /// Position of the virtual anchor in `slot` and its covariance; `None` for a free slot.
+    pub fn virtual_anchor(&self, slot: usize) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+        if !*self.occupied.get(slot)? {
+            return None;
+        }
+        Some((*self.mean.virtual_anchors.get(slot)?, *self.covariance.aa.get(slot)?.get(slot)?))
+    }
+
+    /// Adds a virtual anchor that is not correlated with anything; false where `slot` is taken or does not exist.
+    pub fn insert_independent(&mut self, slot: usize, position_m: [f32; 2], std_m: f32) -> bool {
+        let [x, y] = position_m;
+        let variance = std_m * std_m;
+        self.insert(slot, Vector2::new(x, y), Matrix2::new(variance, 0.0, 0.0, variance), false)
+    }
+
+    /// Adds a virtual anchor located relative to the tag: its error is the tag's position error plus
+    /// `relative_covariance`. Hence C_aa = C_pp + C_rel and C_a* = C_p* for every other state.
+    pub fn insert_relative(
+        &mut self,
+        slot: usize,
+        position: Vector2<f32>,
+        relative_covariance: Matrix2<f32>,
+    ) -> bool {
+        self.insert(slot, position, relative_covariance, true)
+    }
+
+    fn insert(&mut self, slot: usize, position: Vector2<f32>, own: Matrix2<f32>, follows_tag: bool) -> bool {
+        let Some(occupied) = self.occupied.get_mut(slot) else { return false };
+        if *occupied {
+            return false;
+        }
+        *occupied = true;
+        if let Some(mean) = self.mean.virtual_anchors.get_mut(slot) {
+            *mean = position;
+        }
+        self.clear_covariance(slot);
+        let c = &mut self.covariance;
+        let mut variance = own;
+        if follows_tag {
+            let xx = c.xx;
+            variance.m11 += xx.m11;
+            variance.m21 += xx.m21;
+            variance.m12 += xx.m21;
+            variance.m22 += xx.m22;
+            if let Some(cross) = c.xa.get_mut(slot) {
+                *cross = Matrix4x2::new(xx.m11, xx.m12, xx.m21, xx.m22, xx.m31, xx.m32, xx.m41, xx.m42);
+            }
+            if let Some(row) = c.ba.get_mut(slot) {
+                for (cross, xb) in row.iter_mut().zip(&c.xb) {
+                    *cross = Vector2::new(xb.x, xb.y);
+                }
+            }
+            // Earlier slots: this row's blocks. Later slots: the blocks of their rows, transposed.
+            for (k, (row, xa)) in c.aa.iter_mut().zip(&c.xa).enumerate() {
+                if k > slot
+                    && let Some(block) = row.get_mut(slot)
+                {
+                    *block = Matrix2::new(xa.m11, xa.m21, xa.m12, xa.m22);
+                }
+            }
+            if let Some(row) = c.aa.get_mut(slot) {
+                for (block, xa) in row.iter_mut().zip(&c.xa).take(slot) {
+                    *block = Matrix2::new(xa.m11, xa.m12, xa.m21, xa.m22);
+                }
+            }
+        }
+        if let Some(block) = c.aa.get_mut(slot).and_then(|row| row.get_mut(slot)) {
+            *block = variance;
+        }
+        true
+    }
+
+    /// Takes a virtual anchor out of the state; false where `slot` is free.
+    pub fn remove(&mut self, slot: usize) -> bool {
+        let Some(occupied) = self.occupied.get_mut(slot) else { return false };
+        let was = *occupied;
+        *occupied = false;
+        self.clear_covariance(slot);
+        if let Some(mean) = self.mean.virtual_anchors.get_mut(slot) {
+            *mean = Vector2::new(0.0, 0.0);
+        }
+        was
+    }
+
+    fn clear_covariance(&mut self, slot: usize) {
+        let c = &mut self.covariance;
+        if let Some(block) = c.xa.get_mut(slot) {
+            block.fill(0.0);
+        }
+        if let Some(row) = c.ba.get_mut(slot) {
+            row.iter_mut().for_each(|cross| cross.fill(0.0));
+        }
+        if let Some(row) = c.aa.get_mut(slot) {
+            row.iter_mut().for_each(|block| block.fill(0.0));
+        }
+        for row in &mut c.aa {
+            if let Some(block) = row.get_mut(slot) {
+                block.fill(0.0);
+            }
+        }
+    }
+
+    /// Moves the state `elapsed_s` seconds ahead. Returns nothing: linear, closed form, cannot fail.
+    pub fn predict(&mut self, elapsed_s: f32) {
+        let dt = elapsed_s;
+        let agent = &mut self.mean.agent;
+        agent.x += dt * agent.z;
+        agent.y += dt * agent.w;
+
+        let acceleration = self.motion.acceleration_std_m_s2 * self.motion.acceleration_std_m_s2;
+        let from_velocity = acceleration * (dt * dt);
+        let from_both = from_velocity * (0.5 * dt);
+        let from_position = from_both * (0.5 * dt);
+        let margin = 1.0 + ROUNDING_MARGIN;
+        let c = &mut self.covariance;
+        {
+            let p = &mut c.xx;
+            let pv12 = p.m32 + p.m41;
+            p.m11 = p.m11 + dt * (2.0 * p.m31) + dt * dt * p.m33;
+            p.m21 = p.m21 + dt * pv12 + dt * dt * p.m43;
+            p.m22 = p.m22 + dt * (2.0 * p.m42) + dt * dt * p.m44;
+            p.m31 += dt * p.m33;
+            p.m32 += dt * p.m43;
+            p.m41 += dt * p.m43;
+            p.m42 += dt * p.m44;
+            p.m11 = p.m11 * margin + from_position;
+            p.m22 = p.m22 * margin + from_position;
+            p.m31 += from_both;
+            p.m42 += from_both;
+            p.m33 = p.m33 * margin + from_velocity;
+            p.m44 = p.m44 * margin + from_velocity;
+            p.m12 = p.m21;
+            p.m13 = p.m31;
+            p.m23 = p.m32;
+            p.m14 = p.m41;
+            p.m24 = p.m42;
+            p.m34 = p.m43;
+        }
+        if self.estimate_bias {
+            for (j, cross) in c.xb.iter_mut().enumerate() {
+                cross.x += dt * cross.z;
+                cross.y += dt * cross.w;
+                if let Some(variance) = c.bb.get_mut(j).and_then(|row| row.get_mut(j)) {
+                    *variance *= margin;
+                }
+            }
+        }
+        let walk = self.motion.virtual_anchor_walk_m * self.motion.virtual_anchor_walk_m;
+        for (k, ((cross, row), occupied)) in c.xa.iter_mut().zip(&mut c.aa).zip(&self.occupied).enumerate() {
+            if !occupied {
+                continue;
+            }
+            cross.m11 += dt * cross.m31;
+            cross.m21 += dt * cross.m41;
+            cross.m12 += dt * cross.m32;
+            cross.m22 += dt * cross.m42;
+            if let Some(block) = row.get_mut(k) {
+                block.m11 = block.m11 * margin + walk;
+                block.m22 = block.m22 * margin + walk;
+            }
+        }
+    }
+
+    /// Regression of the range to `source` on the current state; `None` for a free slot or unknown anchor.
+    pub fn regress(&self, source: Source, sight: &Sight) -> Option<Regression> {
+        let c = &self.covariance;
+        let agent = &self.mean.agent;
+        let anchor = source.anchor();
+        let bias = *self.mean.bias_m.get(anchor)?;
+        let (distance, spread, bias_cross) = match source {
+            Source::Direct { .. } => {
+                let [ax, ay] = sight.anchor_m;
+                let xb = c.xb.get(anchor)?;
+                let xx = &c.xx;
+                ([agent.x - ax, agent.y - ay], [xx.m11, xx.m21, xx.m22], [xb.x, xb.y])
+            }
+            Source::Virtual { slot, .. } => {
+                let (a, own) = self.virtual_anchor(slot)?;
+                let xa = c.xa.get(slot)?;
+                let xb = c.xb.get(anchor)?;
+                let ba = c.ba.get(slot)?.get(anchor)?;
+                let spread = [
+                    c.xx.m11 - 2.0 * xa.m11 + own.m11,
+                    c.xx.m21 - (xa.m21 + xa.m12) + own.m21,
+                    c.xx.m22 - 2.0 * xa.m22 + own.m22,
+                ];
+                ([agent.x - a.x, agent.y - a.y], spread, [xb.x - ba.x, xb.y - ba.y])
+            }
+        };
+        let line = regress_distance(distance, spread, sight.height_m);
+        let [gx, gy] = line.slope;
+        let mut explained_m2 = line.explained_m2;
+        if self.estimate_bias {
+            let own = c.bb.get(anchor)?.get(anchor)?;
+            let [cx, cy] = bias_cross;
+            explained_m2 = larger(explained_m2 + 2.0 * (gx * cx + gy * cy) + own, SMALLEST_SPREAD_M2);
+        }
+        Some(Regression {
+            source,
+            range_m: line.range_m + bias,
+            slope: line.slope,
+            residual_m2: line.residual_m2,
+            explained_m2,
+        })
+    }
+
+    /// Applies the innovations of one cycle, whose regressions must all have been taken since [`Self::predict`].
+    pub fn update(&mut self, innovations: impl IntoIterator<Item = Innovation>) {
+        let prior = self.mean.clone();
+        for innovation in innovations {
+            self.apply(&innovation, &prior);
+        }
+    }
+
+    fn apply(&mut self, innovation: &Innovation, prior: &StateVector<ANCHORS, VAS>) {
+        let regression = &innovation.regression;
+        let Some((direction, explained, shift)) = self.direction(regression, prior) else { return };
+        let noise = larger(innovation.variance_m2 + regression.residual_m2, explained * LARGEST_SHRINK);
+        let inverse = 1.0 / (explained + noise);
+        // Innovations are relative to the prior; the state has moved by `shift` along the slope since.
+        let first = innovation.first_m - innovation.weight * shift;
+        let second =
+            innovation.second_m2 - 2.0 * (shift * innovation.first_m) + innovation.weight * (shift * shift);
+        let spread = larger(second - first * first, 0.0);
+        // A soft association widens by the spread of its candidates, at most as much as it knew before.
+        let scale = smaller((spread * inverse - innovation.weight) * inverse, inverse);
+        self.step(&direction, first * inverse, scale);
+    }
+
+    /// w = C h, h' C h, and h'(x - x_prior), for the linear form h of a regression.
+    fn direction(
+        &self,
+        regression: &Regression,
+        prior: &StateVector<ANCHORS, VAS>,
+    ) -> Option<(StateVector<ANCHORS, VAS>, f32, f32)> {
+        let c = &self.covariance;
+        let [gx, gy] = regression.slope;
+        let anchor = regression.source.anchor();
+        let xx = &c.xx;
+        let mut agent = Vector4::new(
+            gx * xx.m11 + gy * xx.m21,
+            gx * xx.m21 + gy * xx.m22,
+            gx * xx.m31 + gy * xx.m32,
+            gx * xx.m41 + gy * xx.m42,
+        );
+        let mut bias_m = [0.0; ANCHORS];
+        let mut virtual_anchors = [Vector2::new(0.0, 0.0); VAS];
+        for ((w, xa), occupied) in virtual_anchors.iter_mut().zip(&c.xa).zip(&self.occupied) {
+            if *occupied {
+                w.x = gx * xa.m11 + gy * xa.m21;
+                w.y = gx * xa.m12 + gy * xa.m22;
+            }
+        }
+        let mut moved = [self.mean.agent.x - prior.agent.x, self.mean.agent.y - prior.agent.y];
+        let target = match regression.source {
+            Source::Direct { .. } => None,
+            Source::Virtual { slot, .. } => Some(slot),
+        };
+        if let Some(slot) = target {
+            let xa = c.xa.get(slot)?;
+            agent.x -= gx * xa.m11 + gy * xa.m12;
+            agent.y -= gx * xa.m21 + gy * xa.m22;
+            agent.z -= gx * xa.m31 + gy * xa.m32;
+            agent.w -= gx * xa.m41 + gy * xa.m42;
+            let row = c.aa.get(slot)?;
+            for (l, (w, block)) in virtual_anchors.iter_mut().zip(row).enumerate() {
+                if l <= slot {
+                    w.x -= gx * block.m11 + gy * block.m21;
+                    w.y -= gx * block.m12 + gy * block.m22;
+                }
+            }
+            for (w, row) in virtual_anchors.iter_mut().zip(&c.aa).skip(slot + 1) {
+                let block = row.get(slot)?;
+                w.x -= gx * block.m11 + gy * block.m12;
+                w.y -= gx * block.m21 + gy * block.m22;
+            }
+            let now = self.mean.virtual_anchors.get(slot)?;
+            let then = prior.virtual_anchors.get(slot)?;
+            let [mx, my] = moved;
+            moved = [mx - (now.x - then.x), my - (now.y - then.y)];
+        }
+        let [mx, my] = moved;
+        let mut shift = gx * mx + gy * my;
+        if self.estimate_bias {
+            let xb = c.xb.get(anchor)?;
+            agent.x += xb.x;
+            agent.y += xb.y;
+            agent.z += xb.z;
+            agent.w += xb.w;
+            for ((w, xb), row) in bias_m.iter_mut().zip(&c.xb).zip(&c.bb) {
+                *w = gx * xb.x + gy * xb.y + row.get(anchor)?;
+            }
+            if let Some(slot) = target {
+                for (w, ba) in bias_m.iter_mut().zip(c.ba.get(slot)?) {
+                    *w -= gx * ba.x + gy * ba.y;
+                }
+            }
+            for ((w, row), occupied) in virtual_anchors.iter_mut().zip(&c.ba).zip(&self.occupied) {
+                if *occupied {
+                    let ba = row.get(anchor)?;
+                    w.x += ba.x;
+                    w.y += ba.y;
+                }
+            }
+            shift += self.mean.bias_m.get(anchor)? - prior.bias_m.get(anchor)?;
+        }
+        let mut explained = gx * agent.x + gy * agent.y;
+        if let Some(slot) = target {
+            let w = virtual_anchors.get(slot)?;
+            explained -= gx * w.x + gy * w.y;
+        }
+        if self.estimate_bias {
+            explained += bias_m.get(anchor)?;
+        }
+        Some((StateVector { agent, bias_m, virtual_anchors }, larger(explained, 0.0), shift))
+    }
+
+    /// x <- x + w gain; C <- C + scale w w', every entry as (scale w_row) w_column with the row of the later state.
+    fn step(&mut self, w: &StateVector<ANCHORS, VAS>, gain: f32, scale: f32) {
+        let mean = &mut self.mean;
+        mean.agent.x += w.agent.x * gain;
+        mean.agent.y += w.agent.y * gain;
+        mean.agent.z += w.agent.z * gain;
+        mean.agent.w += w.agent.w * gain;
+        let c = &mut self.covariance;
+        let (x1, x2, x3, x4) = (w.agent.x, w.agent.y, w.agent.z, w.agent.w);
+        {
+            let p = &mut c.xx;
+            let (s2, s3, s4) = (scale * x2, scale * x3, scale * x4);
+            p.m11 += scale * x1 * x1;
+            p.m21 += s2 * x1;
+            p.m22 += s2 * x2;
+            p.m31 += s3 * x1;
+            p.m32 += s3 * x2;
+            p.m33 += s3 * x3;
+            p.m41 += s4 * x1;
+            p.m42 += s4 * x2;
+            p.m43 += s4 * x3;
+            p.m44 += s4 * x4;
+            p.m12 = p.m21;
+            p.m13 = p.m31;
+            p.m23 = p.m32;
+            p.m14 = p.m41;
+            p.m24 = p.m42;
+            p.m34 = p.m43;
+        }
+        if self.estimate_bias {
+            for (bias, wb) in mean.bias_m.iter_mut().zip(&w.bias_m) {
+                *bias += wb * gain;
+            }
+            for ((xb, row), wb) in c.xb.iter_mut().zip(&mut c.bb).zip(&w.bias_m) {
+                let s = scale * wb;
+                xb.x += s * x1;
+                xb.y += s * x2;
+                xb.z += s * x3;
+                xb.w += s * x4;
+                for (entry, other) in row.iter_mut().zip(&w.bias_m) {
+                    *entry += scale * (wb * other);
+                }
+            }
+        }
+        let rows = c.xa.iter_mut().zip(&mut c.ba).zip(&mut c.aa).zip(&mut mean.virtual_anchors);
+        let slots = rows.zip(&w.virtual_anchors).zip(&self.occupied);
+        for (k, (((((xa, ba), aa), a), wa), occupied)) in slots.enumerate() {
+            if !occupied {
+                continue;
+            }
+            a.x += wa.x * gain;
+            a.y += wa.y * gain;
+            let (sx, sy) = (scale * wa.x, scale * wa.y);
+            xa.m11 += sx * x1;
+            xa.m21 += sx * x2;
+            xa.m31 += sx * x3;
+            xa.m41 += sx * x4;
+            xa.m12 += sy * x1;
+            xa.m22 += sy * x2;
+            xa.m32 += sy * x3;
+            xa.m42 += sy * x4;
+            if self.estimate_bias {
+                for (cross, wb) in ba.iter_mut().zip(&w.bias_m) {
+                    cross.x += sx * wb;
+                    cross.y += sy * wb;
+                }
+            }
+            let mut blocks = aa.iter_mut().zip(&w.virtual_anchors);
+            for (block, wl) in blocks.by_ref().take(k) {
+                block.m11 += sx * wl.x;
+                block.m12 += sx * wl.y;
+                block.m21 += sy * wl.x;
+                block.m22 += sy * wl.y;
+            }
+            if let Some((own, _)) = blocks.next() {
+                own.m11 += sx * wa.x;
+                own.m21 += sy * wa.x;
+                own.m22 += sy * wa.y;
+                own.m12 = own.m21;
+            }
+        }
+    }
+
+    /// Every number of the state, in a fixed order, for traces.
+    pub fn visit(&self, mut f: impl FnMut(f32)) {
+        self.mean.agent.iter().for_each(|v| f(*v));
+        self.mean.bias_m.iter().for_each(|v| f(*v));
+        self.mean.virtual_anchors.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
+        let c = &self.covariance;
+        c.xx.iter().for_each(|v| f(*v));
+        c.xb.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
+        c.bb.iter().for_each(|row| row.iter().for_each(|v| f(*v)));
+        for (k, ((xa, ba), aa)) in c.xa.iter().zip(&c.ba).zip(&c.aa).enumerate() {
+            xa.iter().for_each(|v| f(*v));
+            ba.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
+            aa.iter().take(k + 1).for_each(|block| block.iter().for_each(|v| f(*v)));
+        }
+    }
+}
+
+/// Regression of a distance on its two-dimensional difference vector.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DistanceRegression {
+    pub range_m: f32,
+    pub slope: [f32; 2],
+    pub residual_m2: f32,
+    pub explained_m2: f32,
+}
+
+/// Five-point unscented regression of sqrt(|d|^2 + height^2) for d of mean `distance` and covariance `spread`
+/// (xx, yx, yy).
+pub(crate) fn regress_distance(distance: [f32; 2], spread: [f32; 3], height_m: f32) -> DistanceRegression {
+    let [dx, dy] = distance;
+    let [sxx, syx, syy] = spread;
+    let l11 = sqrt(larger(sxx, SMALLEST_SPREAD_M2));
+    let l21 = syx / l11;
+    let l22 = sqrt(larger(syy - l21 * l21, SMALLEST_SPREAD_M2));
+    let root3 = 1.732_050_8;
+    let (e1x, e1y, e2y) = (root3 * l11, root3 * l21, root3 * l22);
+    let height2 = height_m * height_m;
+    let length = |x: f32, y: f32| sqrt(x * x + y * y + height2);
+    let centre = length(dx, dy);
+    let ahead1 = length(dx + e1x, dy + e1y);
+    let back1 = length(dx - e1x, dy - e1y);
+    let ahead2 = length(dx, dy + e2y);
+    let back2 = length(dx, dy - e2y);
+    // Relative to the centre point, so that the small differences keep their digits.
+    let (a1, b1, a2, b2) = (ahead1 - centre, back1 - centre, ahead2 - centre, back2 - centre);
+    let offset = (a1 + b1 + a2 + b2) * (1.0 / 6.0);
+    let along1 = (a1 - b1) * (0.5 / root3);
+    let along2 = (a2 - b2) * (0.5 / root3);
+    let second = (a1 * a1 + b1 * b1 + a2 * a2 + b2 * b2) * (1.0 / 6.0);
+    let explained_m2 = along1 * along1 + along2 * along2;
+    let gy = along2 / l22;
+    let gx = (along1 - l21 * gy) / l11;
+    DistanceRegression {
+        range_m: centre + offset,
+        slope: [gx, gy],
+        residual_m2: larger(second - offset * offset - explained_m2, 0.0),
+        explained_m2,
+    }
+}

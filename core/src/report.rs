@@ -1,0 +1,39 @@
+//! What a cycle reports.
+
+use crate::controller::library::Action;
+use nalgebra::Matrix2;
+
+/// What a cycle did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CycleReport {
+    /// Number of the cycle, from 0.
+    pub cycle: u32,
+    /// Estimated position, metres.
+    pub position_m: [f32; 2],
+    /// Its covariance, square metres.
+    pub position_covariance_m2: Matrix2<f32>,
+    /// Entropy of the position before the measurements, nats.
+    pub predicted_entropy_nat: f32,
+    /// And after.
+    pub entropy_nat: f32,
+    /// Reward of the action applied, in the unit of the reward configured.
+    pub reward: f32,
+    /// Anchors heard.
+    pub anchors_heard: u32,
+    /// Paths or ranges received.
+    pub measurements: u32,
+    /// Of those, how many more likely than not belong to a known feature.
+    pub associated: u32,
+    /// Virtual anchors discovered in this cycle.
+    pub discovered: u32,
+    /// Virtual anchors forgotten in this cycle, including those that gave way to a discovery.
+    pub forgotten: u32,
+    /// Discoveries dropped because the map was full.
+    pub map_full: u32,
+    /// Index of the action this cycle's frames were expected to use.
+    pub action: usize,
+    /// Index of the next action.
+    pub next_action: usize,
+    /// The next action.
+    pub next: Action,
+}

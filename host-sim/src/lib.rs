@@ -1,0 +1,6 @@
+//! The host side of cogmint: recordings, importers, the built-in room, the float reference and the plots.
+
+pub mod import;
+pub mod input_error;
+pub mod plot;
+pub mod recording;

@@ -1,0 +1,2 @@
+//! The `cogmint` command.
+fn main() {}

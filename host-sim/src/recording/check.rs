@@ -1,0 +1,392 @@
+//! What every recording must fulfil, whether it was read, made or imported.
+
+use std::fmt;
+
+use super::{
+    Anchor, Cycle, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_RANGES, MAX_SAMPLES, Recording, Samples,
+};
+
+/// What is wrong with a recording and where.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Fault {
+    pub(super) place: Place,
+    pub(super) reason: String,
+    pub(super) allowed: Option<String>,
+}
+
+/// Which file of a recording a fault is in.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Place {
+    /// A key of `recording.toml`, its parts joined by dots; indexes count from 0.
+    Key(String),
+    /// An array of `recording.npz`.
+    Array(&'static str),
+}
+
+impl Fault {
+    fn key(key: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self { place: Place::Key(key.into()), reason: reason.into(), allowed: None }
+    }
+
+    pub(super) fn array(name: &'static str, reason: impl Into<String>) -> Self {
+        Self { place: Place::Array(name), reason: reason.into(), allowed: None }
+    }
+
+    pub(super) fn allowed(mut self, allowed: impl ToString) -> Self {
+        self.allowed = Some(allowed.to_string());
+        self
+    }
+}
+
+/// An interval of finite numbers.
+#[derive(Clone, Copy)]
+struct Interval {
+    low: f64,
+    low_included: bool,
+    high: f64,
+}
+
+const fn above_zero_to(high: f64) -> Interval {
+    Interval { low: 0.0, low_included: false, high }
+}
+
+const fn from_to(low: f64, high: f64) -> Interval {
+    Interval { low, low_included: true, high }
+}
+
+const POSITION: Interval = from_to(-1e6, 1e6);
+const PULSE_DURATION: Interval = above_zero_to(1e-6);
+const TIME: Interval = from_to(-1e10, 1e10);
+const RANGE: Interval = from_to(0.0, 1e6);
+const RANGE_STD: Interval = above_zero_to(1e4);
+const DELAY: Interval = from_to(-1.0, 1.0);
+
+impl Interval {
+    fn holds(self, value: f64) -> bool {
+        // NaN fails every comparison.
+        value <= self.high && if self.low_included { value >= self.low } else { value > self.low }
+    }
+}
+
+impl fmt::Display for Interval {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { low, low_included, high } = *self;
+        // Powers of ten read better than their zeros.
+        let number = |value: f64| {
+            if value != 0.0 && !(1e-3..1e5).contains(&value.abs()) {
+                format!("{value:e}")
+            } else {
+                value.to_string()
+            }
+        };
+        let above = if low_included { "" } else { "above " };
+        write!(formatter, "{above}{} to {}", number(low), number(high))
+    }
+}
+
+fn check_key(key: impl Into<String>, value: f64, interval: Interval) -> Result<(), Fault> {
+    if interval.holds(value) {
+        return Ok(());
+    }
+    Err(Fault::key(key, format!("is {value}")).allowed(interval))
+}
+
+fn check_element(name: &'static str, cycle: usize, value: f64, interval: Interval) -> Result<(), Fault> {
+    if interval.holds(value) {
+        return Ok(());
+    }
+    Err(Fault::array(name, format!("is {value} in cycle {cycle}")).allowed(interval))
+}
+
+impl Recording {
+    /// The first fault, if any.
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        self.check_meta()?;
+        self.check_cycles()
+    }
+
+    pub(super) fn check_meta(&self) -> Result<(), Fault> {
+        if self.name.trim().is_empty()
+            || self.name.chars().count() > 200
+            || self.name.contains(char::is_control)
+        {
+            return Err(
+                Fault::key("name", "is empty, too long or not on one line").allowed("1 to 200 characters")
+            );
+        }
+        check_key("motion.acceleration_std_m_s2", self.motion.acceleration_std_m_s2, above_zero_to(1e3))?;
+        for coordinate_m in self.start.position_m {
+            check_key("start.position_m", coordinate_m, POSITION)?;
+        }
+        check_key("start.position_std_m", self.start.position_std_m, above_zero_to(1e6))?;
+        check_key("start.velocity_std_m_s", self.start.velocity_std_m_s, above_zero_to(1e4))?;
+        if let Some(radius_m) = self.start.disc_radius_m {
+            check_key("start.disc_radius_m", radius_m, above_zero_to(1e6))?;
+        }
+        let association = &self.association;
+        check_key(
+            "association.detection_probability",
+            association.detection_probability,
+            above_zero_to(1.0),
+        )?;
+        check_key("association.clutter_per_anchor", association.clutter_per_anchor, from_to(0.0, 1e3))?;
+        check_key("association.max_range_m", association.max_range_m, above_zero_to(1e6))?;
+        let radio = &self.radio;
+        check_key("radio.pulse_duration_s", radio.pulse_duration_s, PULSE_DURATION)?;
+        check_key("radio.roll_off", radio.roll_off, from_to(0.0, 1.0))?;
+        if let Some(spacing_s) = radio.sample_spacing_s {
+            check_key("radio.sample_spacing_s", spacing_s, above_zero_to(1e-6))?;
+        }
+        check_key("radio.range_std_m", radio.range_std_m, RANGE_STD)?;
+        check_key("radio.range_bias_mean_m", radio.range_bias_mean_m, from_to(-1e3, 1e3))?;
+        check_key("radio.range_bias_std_m", radio.range_bias_std_m, from_to(0.0, 1e3))?;
+        self.check_anchors()?;
+        if self.actions.len() > usize::from(u16::MAX) + 1 {
+            return Err(
+                Fault::key("actions", format!("has {} entries", self.actions.len())).allowed("at most 65536")
+            );
+        }
+        for (index, action) in self.actions.iter().enumerate() {
+            check_key(format!("actions.{index}.carrier_hz"), action.carrier_hz, from_to(1e6, 1e12))?;
+            check_key(format!("actions.{index}.pulse_duration_s"), action.pulse_duration_s, PULSE_DURATION)?;
+        }
+        Ok(())
+    }
+
+    fn check_anchors(&self) -> Result<(), Fault> {
+        if self.anchors.is_empty() || self.anchors.len() > MAX_ANCHORS {
+            return Err(Fault::key("anchors", format!("has {} entries", self.anchors.len()))
+                .allowed(format!("1 to {MAX_ANCHORS}")));
+        }
+        for (index, Anchor { name, position_m, height_m }) in self.anchors.iter().enumerate() {
+            if name.trim().is_empty() || name.contains(char::is_control) {
+                return Err(Fault::key(format!("anchors.{index}.name"), "is empty or not on one line"));
+            }
+            if self.anchors[..index].iter().any(|other| other.name == *name) {
+                return Err(Fault::key(
+                    format!("anchors.{index}.name"),
+                    format!("repeats the name {name:?}"),
+                ));
+            }
+            for &coordinate_m in position_m {
+                check_key(format!("anchors.{index}.position_m"), coordinate_m, POSITION)?;
+            }
+            check_key(format!("anchors.{index}.height_m"), *height_m, POSITION)?;
+        }
+        for (index, virtual_anchor) in self.virtual_anchors.iter().enumerate() {
+            let key = |field: &str| format!("virtual_anchors.{index}.{field}");
+            if virtual_anchor.anchor >= self.anchors.len() {
+                return Err(Fault::key(key("anchor"), format!("is {}", virtual_anchor.anchor))
+                    .allowed(format!("0 to {}", self.anchors.len() - 1)));
+            }
+            for coordinate_m in virtual_anchor.position_m {
+                check_key(key("position_m"), coordinate_m, POSITION)?;
+            }
+            let interval = if virtual_anchor.known { above_zero_to(1e6) } else { from_to(0.0, 1e6) };
+            check_key(key("std_m"), virtual_anchor.std_m, interval)?;
+        }
+        Ok(())
+    }
+
+    fn check_cycles(&self) -> Result<(), Fault> {
+        if self.cycles.is_empty() {
+            return Err(Fault::array("cycle_time_s", "is empty").allowed("at least one cycle"));
+        }
+        let range_count = self.cycles.iter().map(|cycle| cycle.ranges.len()).sum();
+        let frame_count = self.cycles.iter().map(|cycle| cycle.frames.len()).sum();
+        check_count("cycle_time_s", self.cycles.len(), MAX_CYCLES)?;
+        check_count("range_cycle", range_count, MAX_RANGES)?;
+        check_count("frame_cycle", frame_count, MAX_FRAMES)?;
+        let mut previous_time_s = f64::NEG_INFINITY;
+        for (index, cycle) in self.cycles.iter().enumerate() {
+            check_element("cycle_time_s", index, cycle.time_s, TIME)?;
+            if cycle.time_s <= previous_time_s {
+                return Err(Fault::array(
+                    "cycle_time_s",
+                    format!(
+                        "is {} in cycle {index}, not after the {previous_time_s} before it",
+                        cycle.time_s
+                    ),
+                ));
+            }
+            previous_time_s = cycle.time_s;
+            for coordinate_m in cycle.truth_position_m.into_iter().flatten() {
+                check_element("truth_position_m", index, coordinate_m, POSITION)?;
+            }
+            if let Some(height_m) = cycle.tag_height_m {
+                check_element("tag_height_m", index, height_m, POSITION)?;
+            }
+            self.check_ranges(index, cycle)?;
+            self.check_frames(index, cycle)?;
+        }
+        all_or_none("truth_position_m", self.cycles.iter().map(|cycle| cycle.truth_position_m.is_some()))?;
+        all_or_none("tag_height_m", self.cycles.iter().map(|cycle| cycle.tag_height_m.is_some()))?;
+        let ranges = self.cycles.iter().flat_map(|cycle| &cycle.ranges);
+        all_or_none("range_std_m", ranges.map(|range| range.std_m.is_some()))?;
+        self.check_samples_agree()
+    }
+
+    fn check_ranges(&self, index: usize, cycle: &Cycle) -> Result<(), Fault> {
+        for range in &cycle.ranges {
+            self.check_anchor_index("range_anchor", index, range.anchor)?;
+            check_element("range_m", index, range.range_m, RANGE)?;
+            if let Some(std_m) = range.std_m {
+                check_element("range_std_m", index, std_m, RANGE_STD)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn check_frames(&self, index: usize, cycle: &Cycle) -> Result<(), Fault> {
+        for (count, frame) in cycle.frames.iter().enumerate() {
+            self.check_anchor_index("frame_anchor", index, frame.anchor)?;
+            if cycle.frames[..count].iter().any(|other| other.anchor == frame.anchor) {
+                return Err(Fault::array(
+                    "frame_anchor",
+                    format!("holds anchor {} twice in cycle {index}", frame.anchor),
+                )
+                .allowed("one frame per anchor and cycle"));
+            }
+            if self.actions.is_empty() {
+                return Err(
+                    Fault::key("actions", "is empty although there are frames").allowed("1 to 65536 entries")
+                );
+            }
+            if frame.action >= self.actions.len() {
+                return Err(Fault::array("frame_action", format!("is {} in cycle {index}", frame.action))
+                    .allowed(format!("0 to {}, the indexes of `actions`", self.actions.len() - 1)));
+            }
+            check_element("frame_first_sample_delay_s", index, frame.first_sample_delay_s, DELAY)?;
+            let (name, finite) = match &frame.samples {
+                Samples::Complex(samples) => {
+                    ("frame_samples", samples.iter().flatten().all(|part| part.is_finite()))
+                }
+                Samples::Magnitude(samples) => {
+                    ("frame_magnitude", samples.iter().all(|&value| value.is_finite() && value >= 0.0))
+                }
+            };
+            if !finite {
+                return Err(Fault::array(
+                    name,
+                    format!("has a sample in cycle {index} that is no such value"),
+                )
+                .allowed(match frame.samples {
+                    Samples::Complex(_) => "any finite number",
+                    Samples::Magnitude(_) => "any finite number from 0",
+                }));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_anchor_index(&self, name: &'static str, cycle: usize, anchor: usize) -> Result<(), Fault> {
+        if anchor < self.anchors.len() {
+            return Ok(());
+        }
+        Err(Fault::array(name, format!("is {anchor} in cycle {cycle}"))
+            .allowed(format!("0 to {}, the indexes of `anchors`", self.anchors.len() - 1)))
+    }
+
+    fn check_samples_agree(&self) -> Result<(), Fault> {
+        let mut frames = self.cycles.iter().flat_map(|cycle| &cycle.frames);
+        let Some(first) = frames.next() else { return Ok(()) };
+        let kind = |samples: &Samples| matches!(samples, Samples::Complex(_));
+        let name = if kind(&first.samples) { "frame_samples" } else { "frame_magnitude" };
+        if self.radio.sample_spacing_s.is_none() {
+            return Err(Fault::key("radio.sample_spacing_s", "is missing although there are frames"));
+        }
+        if first.samples.is_empty() || first.samples.len() > MAX_SAMPLES {
+            return Err(Fault::array(name, format!("has frames of {} samples", first.samples.len()))
+                .allowed(format!("1 to {MAX_SAMPLES}")));
+        }
+        if frames.any(|frame| {
+            kind(&frame.samples) != kind(&first.samples) || frame.samples.len() != first.samples.len()
+        }) {
+            return Err(Fault::array(name, "has frames of different kinds or lengths"));
+        }
+        Ok(())
+    }
+}
+
+fn check_count(name: &'static str, count: usize, limit: usize) -> Result<(), Fault> {
+    if count <= limit {
+        return Ok(());
+    }
+    Err(Fault::array(name, format!("has {count} entries")).allowed(format!("at most {limit}")))
+}
+
+fn all_or_none(name: &'static str, mut present: impl Iterator<Item = bool>) -> Result<(), Fault> {
+    let Some(first) = present.next() else { return Ok(()) };
+    if present.all(|other| other == first) {
+        return Ok(());
+    }
+    Err(Fault::array(name, "is known for a part only").allowed("all or none"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::example;
+    use super::*;
+
+    fn fault_after(change: impl FnOnce(&mut Recording)) -> Fault {
+        let mut recording = example();
+        change(&mut recording);
+        recording.check().expect_err("has a fault")
+    }
+
+    #[test]
+    fn the_example_has_no_fault() {
+        assert_eq!(example().check(), Ok(()));
+    }
+
+    #[test]
+    fn a_number_out_of_its_range_is_named_with_the_range() {
+        let fault = fault_after(|recording| recording.start.position_std_m = -1.0);
+        assert_eq!(fault.place, Place::Key("start.position_std_m".into()));
+        assert_eq!(fault.allowed.as_deref(), Some("above 0 to 1e6"));
+        let fault = fault_after(|recording| recording.anchors[1].position_m[0] = f64::NAN);
+        assert_eq!(fault.place, Place::Key("anchors.1.position_m".into()));
+        let fault = fault_after(|recording| recording.association.detection_probability = 0.0);
+        assert_eq!(fault.allowed.as_deref(), Some("above 0 to 1"));
+    }
+
+    #[test]
+    fn time_that_stands_still_is_a_fault() {
+        let fault = fault_after(|recording| recording.cycles[2].time_s = recording.cycles[1].time_s);
+        assert_eq!(fault.place, Place::Array("cycle_time_s"));
+    }
+
+    #[test]
+    fn indexes_out_of_range_are_faults() {
+        let fault = fault_after(|recording| recording.cycles[0].ranges[0].anchor = 2);
+        assert_eq!(fault.place, Place::Array("range_anchor"));
+        let fault = fault_after(|recording| recording.cycles[0].frames[0].action = 2);
+        assert_eq!(fault.place, Place::Array("frame_action"));
+        let fault = fault_after(|recording| recording.virtual_anchors[0].anchor = 2);
+        assert_eq!(fault.place, Place::Key("virtual_anchors.0.anchor".into()));
+    }
+
+    #[test]
+    fn frames_must_agree_and_come_once_per_anchor_and_cycle() {
+        let fault = fault_after(|recording| recording.cycles[0].frames[1].anchor = 1);
+        assert_eq!(fault.place, Place::Array("frame_anchor"));
+        let fault = fault_after(|recording| {
+            recording.cycles[2].frames[0].samples = Samples::Complex(vec![[0.0; 2]; 4]);
+        });
+        assert_eq!(fault.place, Place::Array("frame_samples"));
+        let fault = fault_after(|recording| {
+            recording.cycles[2].frames[0].samples = Samples::Magnitude(vec![0.0; 5]);
+        });
+        assert_eq!(fault.place, Place::Array("frame_samples"));
+        let fault = fault_after(|recording| recording.radio.sample_spacing_s = None);
+        assert_eq!(fault.place, Place::Key("radio.sample_spacing_s".into()));
+    }
+
+    #[test]
+    fn truth_and_deviations_are_known_for_all_or_none() {
+        let fault = fault_after(|recording| recording.cycles[1].truth_position_m = None);
+        assert_eq!(fault.place, Place::Array("truth_position_m"));
+        let fault = fault_after(|recording| recording.cycles[1].ranges[0].std_m = None);
+        assert_eq!(fault.place, Place::Array("range_std_m"));
+    }
+}

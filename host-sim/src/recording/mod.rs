@@ -1,0 +1,311 @@
+//! Recordings: what a tag measured over time, and what is known about where and how.
+//!
+//! A recording is a folder with two files. `recording.toml` says what it means (motion, start, anchors, radio,
+//! carriers), `recording.npz` holds the arrays, readable by `numpy.load`. `docs/recording-format.md` lists every key
+//! with its unit and allowed range; here are the arrays, for N cycles, R ranges, F frames and S samples per frame:
+//!
+//! | array | type and shape | meaning |
+//! | --- | --- | --- |
+//! | `cycle_time_s` | float64 `[N]` | time of each cycle, strictly increasing |
+//! | `truth_position_m` | float64 `[N, 2]` | optional: true horizontal position of the tag |
+//! | `tag_height_m` | float64 `[N]` | optional: height of the tag, in the frame of the anchors' heights |
+//! | `range_cycle` | uint32 `[R]` | index of the cycle that the range belongs to |
+//! | `range_anchor` | uint8 `[R]` | index of its anchor |
+//! | `range_m` | float64 `[R]` | length of a path, unordered within an anchor and cycle |
+//! | `range_std_m` | float64 `[R]` | optional: standard deviation of each range; no NaN |
+//! | `frame_cycle` | uint32 `[F]` | index of the cycle that the frame belongs to |
+//! | `frame_anchor` | uint8 `[F]` | index of its anchor; at most one frame per anchor and cycle |
+//! | `frame_action` | uint16 `[F]` | index of the action (carrier and pulse) it was sent with |
+//! | `frame_first_sample_delay_s` | float64 `[F]` | delay after transmission that the first sample shows; may be negative |
+//! | `frame_samples` | complex64 `[F, S]` | complex baseband samples, or |
+//! | `frame_magnitude` | float32 `[F, S]` | magnitudes, from radios that give no phase |
+//!
+//! The four or five `range_` arrays are absent when there are no ranges, all `frame_` arrays when there are no
+//! frames. Arrays and keys that are not listed are refused: a misspelt name would otherwise lose data silently.
+//! Optional arrays cover all cycles (or ranges) or none.
+//!
+//! [`Recording::read`] and [`Recording::write`] apply the same checks, so that what was written can be read.
+
+mod check;
+pub(crate) mod npz;
+mod read;
+mod write;
+
+use serde::{Deserialize, Serialize};
+
+pub use crate::input_error::InputError;
+
+/// The version of the format that this crate reads and writes: the key `format` of `recording.toml`.
+pub const FORMAT: u32 = 1;
+/// The name of the file that says what a recording means.
+pub const META_FILE: &str = "recording.toml";
+/// The name of the file that holds the arrays.
+pub const ARRAYS_FILE: &str = "recording.npz";
+/// No recording has more anchors than this.
+pub const MAX_ANCHORS: usize = 64;
+/// No recording has more cycles than this; at 10 per second they take 116 hours.
+pub const MAX_CYCLES: usize = 1 << 22;
+/// No recording has more ranges than this.
+pub const MAX_RANGES: usize = 1 << 24;
+/// No recording has more frames than this.
+pub const MAX_FRAMES: usize = 1 << 22;
+/// No frame has more samples than this.
+pub const MAX_SAMPLES: usize = 1 << 16;
+
+/// Everything about one run of one tag.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// A short name, for tables and figures.
+    pub name: String,
+    /// Where the data come from and how they were made, for people.
+    pub source: String,
+    /// How the tag moves.
+    pub motion: Motion,
+    /// What is known of the tag's first position and velocity.
+    pub start: Start,
+    /// How paths are detected and missed.
+    pub association: AssociationModel,
+    /// The radio and its errors.
+    pub radio: Radio,
+    /// The physical anchors; their positions are known.
+    pub anchors: Vec<Anchor>,
+    /// Mirror images of the anchors. All serve as truth for scoring; the known ones are given to the tracker.
+    pub virtual_anchors: Vec<VirtualAnchor>,
+    /// The carriers and pulses that frames were sent with. At least one when there are frames.
+    pub actions: Vec<Action>,
+    /// The measurements, in order of time.
+    pub cycles: Vec<Cycle>,
+}
+
+/// The motion model's only parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motion {
+    /// Standard deviation of the white acceleration per axis, in m/s^2. Larger follows turns, smaller smooths.
+    pub acceleration_std_m_s2: f64,
+}
+
+/// The prior of the first position and velocity.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Start {
+    /// Mean of the first position, in metres.
+    pub position_m: [f64; 2],
+    /// Standard deviation of the first position per axis, in metres.
+    pub position_std_m: f64,
+    /// Standard deviation of the first velocity per axis, in m/s; its mean is zero.
+    pub velocity_std_m_s: f64,
+    /// When present, a run with a seed draws its start uniformly inside a disc of this radius around the mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub disc_radius_m: Option<f64>,
+}
+
+/// How paths are detected, missed and invented.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AssociationModel {
+    /// Probability that the path of a visible anchor or virtual anchor is among the ranges.
+    pub detection_probability: f64,
+    /// Mean number of false ranges per anchor and cycle.
+    pub clutter_per_anchor: f64,
+    /// False ranges are uniform from zero to this, in metres.
+    pub max_range_m: f64,
+}
+
+/// The radio and the errors of its ranges.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Radio {
+    /// Duration Tp of the root-raised-cosine pulse, in seconds.
+    pub pulse_duration_s: f64,
+    /// Roll-off of the pulse, 0 to 1.
+    pub roll_off: f64,
+    /// Time between two samples of a frame, in seconds. Required when there are frames.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample_spacing_s: Option<f64>,
+    /// Standard deviation of the ranges that carry none of their own, in metres.
+    pub range_std_m: f64,
+    /// Prior mean of the bias that all ranges of an anchor share, in metres.
+    pub range_bias_mean_m: f64,
+    /// Prior standard deviation of that bias, in metres; zero means that no bias is estimated.
+    pub range_bias_std_m: f64,
+}
+
+/// A physical anchor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Anchor {
+    /// Its name, unique in the recording.
+    pub name: String,
+    /// Its horizontal position, in metres.
+    pub position_m: [f64; 2],
+    /// Its height, in metres.
+    pub height_m: f64,
+}
+
+/// A mirror image of an anchor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VirtualAnchor {
+    /// Index of the anchor that it mirrors.
+    pub anchor: usize,
+    /// Its horizontal position, in metres.
+    pub position_m: [f64; 2],
+    /// Standard deviation of that position per axis, in metres. Positive for a known one, else unused.
+    pub std_m: f64,
+    /// Whether the tracker is told of it before it starts. An unknown one serves for scoring only.
+    pub known: bool,
+}
+
+/// What a frame was sent with.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Action {
+    /// Carrier frequency, in hertz.
+    pub carrier_hz: f64,
+    /// Duration of the pulse, in seconds.
+    pub pulse_duration_s: f64,
+}
+
+/// What was measured at one time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cycle {
+    /// The time, in seconds from any zero.
+    pub time_s: f64,
+    /// The true horizontal position of the tag, in metres, when somebody knew it.
+    pub truth_position_m: Option<[f64; 2]>,
+    /// The height of the tag, in metres.
+    pub tag_height_m: Option<f64>,
+    /// Lengths of paths, in any order; any number per anchor.
+    pub ranges: Vec<Range>,
+    /// Sampled channel responses; at most one per anchor.
+    pub frames: Vec<Frame>,
+}
+
+/// The length of one path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// Index of the anchor.
+    pub anchor: usize,
+    /// The length, in metres.
+    pub range_m: f64,
+    /// Its standard deviation, in metres; [`Radio::range_std_m`] applies when absent.
+    pub std_m: Option<f64>,
+}
+
+/// The sampled response of the channel to one pulse.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Index of the anchor.
+    pub anchor: usize,
+    /// Index of the action it was sent with.
+    pub action: usize,
+    /// The delay after transmission, in seconds, that the first sample shows. Negative when sampling began earlier.
+    pub first_sample_delay_s: f64,
+    /// The samples, [`Radio::sample_spacing_s`] apart.
+    pub samples: Samples,
+}
+
+/// Samples of a frame. All frames of a recording have the same kind and length.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Samples {
+    /// Complex baseband, as pairs of real and imaginary part.
+    Complex(Vec<[f32; 2]>),
+    /// Magnitudes, from radios that give no phase.
+    Magnitude(Vec<f32>),
+}
+
+impl Samples {
+    /// The number of samples.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Complex(samples) => samples.len(),
+            Self::Magnitude(samples) => samples.len(),
+        }
+    }
+
+    /// Whether there are no samples.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::path::PathBuf;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    use super::*;
+
+    /// A small recording with everything in it.
+    pub(crate) fn example() -> Recording {
+        let action = Action { carrier_hz: 7e9, pulse_duration_s: 0.5e-9 };
+        let anchor = |name: &str, x| Anchor { name: name.into(), position_m: [x, 7.0], height_m: 1.5 };
+        let frame = |anchor| Frame {
+            anchor,
+            action: anchor,
+            first_sample_delay_s: -1e-9,
+            samples: Samples::Complex((0..5).map(|n| [n as f32, -0.5]).collect()),
+        };
+        Recording {
+            name: "example".into(),
+            source: "made for a test\nover two lines".into(),
+            motion: Motion { acceleration_std_m_s2: 0.01 },
+            start: Start {
+                position_m: [3.0, 7.0],
+                position_std_m: 0.25,
+                velocity_std_m_s: 0.03,
+                disc_radius_m: Some(0.5),
+            },
+            association: AssociationModel {
+                detection_probability: 0.95,
+                clutter_per_anchor: 1.0,
+                max_range_m: 30.0,
+            },
+            radio: Radio {
+                pulse_duration_s: 0.5e-9,
+                roll_off: 0.6,
+                sample_spacing_s: Some(0.1e-9),
+                range_std_m: 0.1,
+                range_bias_mean_m: 0.0,
+                range_bias_std_m: 0.0,
+            },
+            anchors: vec![anchor("A", 0.5), anchor("B", 5.2)],
+            virtual_anchors: vec![VirtualAnchor {
+                anchor: 1,
+                position_m: [-5.8, 2.3],
+                std_m: 0.01,
+                known: true,
+            }],
+            actions: vec![action, Action { carrier_hz: 6e9, ..action }],
+            cycles: (0..3)
+                .map(|step| Cycle {
+                    time_s: f64::from(step) * 0.1,
+                    truth_position_m: Some([3.0, 7.0 + f64::from(step) * 0.01]),
+                    tag_height_m: Some(1.0),
+                    ranges: vec![Range { anchor: 1, range_m: 3.3 + f64::from(step), std_m: Some(0.1) }; 2],
+                    frames: if step == 1 { Vec::new() } else { vec![frame(1), frame(0)] },
+                })
+                .collect(),
+        }
+    }
+
+    /// A folder of this test's own, removed in the end.
+    pub(crate) struct Folder(pub(crate) PathBuf);
+
+    impl Folder {
+        pub(crate) fn new() -> Self {
+            static COUNT: AtomicU32 = AtomicU32::new(0);
+            let count = COUNT.fetch_add(1, Ordering::Relaxed);
+            let path = std::env::temp_dir().join(format!("cogmint-test-{}-{count}", std::process::id()));
+            std::fs::create_dir_all(&path).expect("a temporary folder");
+            Self(path)
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+}

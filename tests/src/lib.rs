@@ -1,0 +1,1 @@
+//! What crosses crates; the tests are in `tests/tests/`.
