@@ -4,3 +4,5 @@ pub mod import;
 pub mod input_error;
 pub mod plot;
 pub mod recording;
+pub mod replay;
+pub mod score;

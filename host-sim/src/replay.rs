@@ -1,0 +1,241 @@
+//! Replay: a recording becomes what the core takes in, cycle by cycle.
+
+use crate::input_error::InputError;
+use crate::recording::{self, Recording};
+use cogmint_core::controller::library::Action;
+use cogmint_core::observation::{Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::observer::Observer;
+use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Tracker};
+use rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro128PlusPlus;
+
+/// Virtual anchors of every tracker on the host.
+pub const VAS: usize = 24;
+/// Paths per anchor.
+pub const PATHS: usize = 16;
+/// Actions.
+pub const ACTIONS: usize = 40;
+/// Recordings of up to this many anchors run in the tracker that also runs on the target.
+pub const SMALL_ANCHORS: usize = 2;
+/// The most anchors of any recording.
+pub const LARGE_ANCHORS: usize = 8;
+
+/// The tracker of the target: two anchors.
+pub type SmallTracker = Tracker<SMALL_ANCHORS, VAS, PATHS, ACTIONS>;
+/// The tracker for up to eight anchors.
+pub type LargeTracker = Tracker<LARGE_ANCHORS, VAS, PATHS, ACTIONS>;
+
+/// Time before the first cycle: the start prior is about its very moment, and time must advance.
+const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;
+
+/// Everything a tracker is started with.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The configuration.
+    pub config: Config,
+    /// The anchors.
+    pub anchors: Vec<Anchor>,
+    /// Virtual anchors known a priori.
+    pub map: Vec<MappedVirtualAnchor>,
+    /// The action library.
+    pub actions: Vec<Action>,
+    /// Seed of the tracker's randomness.
+    pub seed: u64,
+}
+
+impl Setup {
+    /// The set-up of a recording. With a `seed`, the start is drawn from the recording's disc (or its normal prior
+    /// where it has none); without, the tracker starts at the prior's mean.
+    ///
+    /// # Errors
+    /// The recording asks for more than the tracker holds.
+    pub fn new(recording: &Recording, file: &std::path::Path, seed: Option<u64>) -> Result<Self, InputError> {
+        let Recording { motion, start, association, radio, .. } = recording;
+        let refuse = |item: &str, reason: String| Err(InputError::new(file, reason).for_item(item));
+        if recording.anchors.len() > LARGE_ANCHORS {
+            let reason = format!("has {} entries, the tracker holds {LARGE_ANCHORS}", recording.anchors.len());
+            return refuse("anchor", reason);
+        }
+        if recording.actions.len() > ACTIONS {
+            let reason = format!("has {} entries, the tracker holds {ACTIONS}", recording.actions.len());
+            return refuse("action", reason);
+        }
+        let known: Vec<_> = recording.virtual_anchors.iter().filter(|va| va.known).collect();
+        if known.len() > VAS {
+            let reason = format!("has {} known entries, the tracker holds {VAS}", known.len());
+            return refuse("virtual_anchor", reason);
+        }
+        let mut config = Config::default();
+        config.motion.acceleration_std_m_s2 = motion.acceleration_std_m_s2 as f32;
+        config.start.position_m = single(drawn_start(start, seed));
+        config.start.position_std_m = start.position_std_m as f32;
+        config.start.velocity_std_m_s = start.velocity_std_m_s as f32;
+        config.association.detection_probability = association.detection_probability.min(0.999) as f32;
+        config.association.clutter_per_anchor = association.clutter_per_anchor.max(1e-3) as f32;
+        config.ranging.max_range_m = association.max_range_m as f32;
+        config.ranging.bias_mean_m = radio.range_bias_mean_m as f32;
+        config.ranging.bias_std_m = radio.range_bias_std_m as f32;
+        config.radio.roll_off = radio.roll_off as f32;
+        if let Some(spacing) = radio.sample_spacing_s {
+            config.radio.sample_spacing_s = spacing as f32;
+        }
+        if let Some(frame) = recording.cycles.iter().find_map(|cycle| cycle.frames.first()) {
+            config.radio.samples_per_frame = frame.samples.len();
+            config.controller.first_action = frame.action;
+        }
+        let mut actions: Vec<Action> = recording
+            .actions
+            .iter()
+            .map(|action| Action {
+                carrier_hz: action.carrier_hz as f32,
+                pulse_duration_s: action.pulse_duration_s as f32,
+            })
+            .collect();
+        if actions.is_empty() {
+            // Ranges alone: one action that nothing depends on.
+            actions.push(Action { carrier_hz: 7e9, pulse_duration_s: radio.pulse_duration_s as f32 });
+        }
+        let setup = Self {
+            config,
+            anchors: recording
+                .anchors
+                .iter()
+                .map(|anchor| Anchor {
+                    position_m: single(anchor.position_m),
+                    height_m: anchor.height_m as f32,
+                })
+                .collect(),
+            map: known
+                .iter()
+                .map(|va| MappedVirtualAnchor {
+                    anchor: va.anchor,
+                    position_m: single(va.position_m),
+                    std_m: va.std_m as f32,
+                })
+                .collect(),
+            actions,
+            seed: seed.unwrap_or(1),
+        };
+        // The core has the last word on ranges; say which file it speaks of.
+        setup.tracker::<LARGE_ANCHORS>().map_err(|error| InputError::new(file, error.to_string()))?;
+        Ok(setup)
+    }
+
+    /// A fresh tracker of capacity `ANCHORS`.
+    ///
+    /// # Errors
+    /// What the core refuses.
+    pub fn tracker<const A: usize>(&self) -> Result<Tracker<A, VAS, PATHS, ACTIONS>, Error> {
+        Tracker::new(self.config, &self.anchors, &self.map, &self.actions, self.seed)
+    }
+}
+
+fn single([x, y]: [f64; 2]) -> [f32; 2] {
+    [x as f32, y as f32]
+}
+
+fn drawn_start(start: &recording::Start, seed: Option<u64>) -> [f64; 2] {
+    let [x, y] = start.position_m;
+    let Some(seed) = seed else { return [x, y] };
+    let mut rng = Xoshiro128PlusPlus::seed_from_u64(seed);
+    let mut uniform = || (f64::from(rng.next_u32()) + 0.5) / 4_294_967_296.0;
+    let (a, b) = (uniform(), uniform());
+    let angle = std::f64::consts::TAU * a;
+    let radius = match start.disc_radius_m {
+        Some(disc) => disc * b.sqrt(),
+        None => start.position_std_m * (-2.0 * b.ln()).sqrt(),
+    };
+    [x + radius * angle.cos(), y + radius * angle.sin()]
+}
+
+/// One cycle of a recording in the core's terms; borrows the samples.
+#[derive(Clone, Debug)]
+pub struct CycleInput<'a> {
+    ranges: Vec<(usize, Vec<Range>)>,
+    frames: Vec<Frame<'a>>,
+    /// Time since the previous cycle, seconds.
+    pub elapsed_s: f32,
+    /// Height of the tag, metres, where the recording knows it.
+    pub tag_height_m: Option<f32>,
+}
+
+impl CycleInput<'_> {
+    /// What the tracker gets: frames, then ranges, by anchor.
+    pub fn observations(&self) -> Vec<Observation<'_>> {
+        let frames = self.frames.iter().copied().map(Observation::Frame);
+        let ranges = self
+            .ranges
+            .iter()
+            .map(|(anchor, ranges)| Observation::Ranges(RangeScan { anchor: *anchor, ranges }));
+        frames.chain(ranges).collect()
+    }
+}
+
+/// The cycles of a recording in order.
+pub fn inputs(recording: &Recording) -> impl Iterator<Item = CycleInput<'_>> {
+    let mut previous = None;
+    recording.cycles.iter().map(move |cycle| {
+        let elapsed_s = previous.map_or(BEFORE_FIRST_CYCLE_S, |then: f64| (cycle.time_s - then) as f32);
+        previous = Some(cycle.time_s);
+        let mut ranges: Vec<(usize, Vec<Range>)> = Vec::new();
+        for range in &cycle.ranges {
+            let std_m = range.std_m.unwrap_or(recording.radio.range_std_m);
+            let range_m = range.range_m as f32;
+            let entry = Range { range_m, variance_m2: (std_m * std_m) as f32 };
+            match ranges.iter_mut().find(|(anchor, _)| *anchor == range.anchor) {
+                Some((_, list)) => list.push(entry),
+                None => ranges.push((range.anchor, vec![entry])),
+            }
+        }
+        let frames = cycle
+            .frames
+            .iter()
+            .map(|frame| Frame {
+                anchor: frame.anchor,
+                action: frame.action,
+                sequence: None,
+                first_sample_delay_s: frame.first_sample_delay_s as f32,
+                samples: match &frame.samples {
+                    recording::Samples::Complex(samples) => Samples::Complex(samples),
+                    recording::Samples::Magnitude(samples) => Samples::Magnitude(samples),
+                },
+            })
+            .collect();
+        CycleInput { ranges, frames, elapsed_s, tag_height_m: cycle.tag_height_m.map(|h| h as f32) }
+    })
+}
+
+/// What a replayed cycle gave.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// The core's report.
+    pub report: CycleReport,
+    /// Hash over all state after the cycle.
+    pub hash: u64,
+    /// Time the core took, seconds.
+    pub seconds: f64,
+    /// Why the cycle's observations were refused, if they were; the core then only predicted.
+    pub refused: Option<Error>,
+}
+
+/// Runs one cycle; observations that the core refuses are left out, so that time goes on.
+///
+/// # Errors
+/// The core refuses even the empty cycle: its time or height is wrong.
+pub fn step<const A: usize>(
+    tracker: &mut Tracker<A, VAS, PATHS, ACTIONS>,
+    input: &CycleInput<'_>,
+    observer: &mut impl Observer<VAS, PATHS>,
+) -> Result<Step, Error> {
+    let observations = input.observations();
+    let begin = std::time::Instant::now();
+    let mut refused = None;
+    let mut outcome =
+        tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, observer);
+    if let Err(error) = outcome {
+        refused = Some(error);
+        outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height_m, observer);
+    }
+    let seconds = begin.elapsed().as_secs_f64();
+    Ok(Step { report: outcome?, hash: tracker.hash(), seconds, refused })
+}
