@@ -5,7 +5,7 @@
 //! beta = sqrt(1/12 + b^2 (1/4 - 2/pi^2)) / T_p, which sets what a range can be worth:
 //! sigma^2 = c^2 / (8 pi^2 beta^2 SINR).
 
-use crate::real::{SPEED_OF_LIGHT_M_S, abs, cos, floor, larger, sin, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, abs, cos, larger, sin, sqrt};
 
 /// Table steps per pulse duration.
 const STEPS: usize = 64;
@@ -81,9 +81,9 @@ impl PulseTable {
         if position >= (STEPS * SUPPORT) as f32 {
             return 0.0;
         }
-        let whole = floor(position);
-        let fraction = position - whole;
-        let step = whole as usize;
+        // Not negative, so truncation is the floor.
+        let step = position as usize;
+        let fraction = position - step as f32;
         match (self.values.get(step), self.values.get(step + 1)) {
             (Some(&low), Some(&high)) => low + fraction * (high - low),
             _ => 0.0,

@@ -53,7 +53,8 @@ impl Setup {
         let Recording { motion, start, association, radio, .. } = recording;
         let refuse = |item: &str, reason: String| Err(InputError::new(file, reason).for_item(item));
         if recording.anchors.len() > LARGE_ANCHORS {
-            let reason = format!("has {} entries, the tracker holds {LARGE_ANCHORS}", recording.anchors.len());
+            let reason =
+                format!("has {} entries, the tracker holds {LARGE_ANCHORS}", recording.anchors.len());
             return refuse("anchor", reason);
         }
         if recording.actions.len() > ACTIONS {
@@ -230,8 +231,7 @@ pub fn step<const A: usize>(
     let observations = input.observations();
     let begin = std::time::Instant::now();
     let mut refused = None;
-    let mut outcome =
-        tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, observer);
+    let mut outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, observer);
     if let Err(error) = outcome {
         refused = Some(error);
         outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height_m, observer);

@@ -1,7 +1,7 @@
 //! Action libraries: the carriers (and pulses) a radio can choose from.
 
 use crate::error::{Error, Setting};
-use crate::real::{abs, floor, larger};
+use crate::real::{abs, larger};
 use heapless::Vec;
 
 /// What the radio can be told: a carrier and a pulse.
@@ -110,12 +110,12 @@ impl<const ACTIONS: usize> Library<ACTIONS> {
         let (ta, tb) = (a.pulse_duration_s, b.pulse_duration_s);
         let mean_width_hz = 0.5 * (1.0 / ta + 1.0 / tb);
         let position = abs(a.carrier_hz - b.carrier_hz) / mean_width_hz * OVERLAP_STEPS;
-        let whole = floor(position);
-        let index = whole as usize;
+        // Not negative, so truncation is the floor.
+        let index = position as usize;
         let low = OVERLAP.get(index).copied().unwrap_or(0.0);
         let high = OVERLAP.get(index.saturating_add(1)).copied().unwrap_or(0.0);
         let narrower = if ta > tb { tb / ta } else { ta / larger(tb, 1e-12) };
-        (low + (position - whole) * (high - low)) * narrower
+        (low + (position - index as f32) * (high - low)) * narrower
     }
 }
 

@@ -6,20 +6,18 @@
 //! s = 1 - r' Sigma r and q = y(t)/sqrt(lambda) - r' mu; |q|^2 / s is the gain in marginal likelihood of a path
 //! at t, and g = (|q|^2 - s) / s^2 its optimal prior variance (Tipping and Faul's fast marginal likelihood).
 //!
-//! Loop: fit the noise level to the residual; add the path with the largest gain if it exceeds kappa; move every
+//! Loop: refine the noise level on the residual; add the path with the largest gain if it exceeds kappa; move every
 //! delay to the maximum of the matched filter without the other paths; re-estimate every g; prune what fell
 //! below kappa and merge what ran together. Bounded by `PATHS + 4` rounds.
 
 use super::gram::Square;
 use super::magnitude::parabola_vertex;
-use super::noise::{LevelWalk, NoiseLevel, level_at, white_level};
+use super::noise::{LevelWalk, NoiseLevel, TrimmedMean, level_at, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
 use crate::observation::Complex;
-use crate::real::{abs, floor, larger, sin, smaller, sqrt};
+use crate::real::{abs, larger, smaller, sqrt};
 use heapless::Vec;
 
-/// Half the taps of the interpolation kernel.
-const HALF_TAPS: usize = 8;
 /// Paths above this SINR leave subtraction errors that look like dense multipath: the fit skips their surroundings.
 const STRONG: f32 = 316.0;
 /// Half the width skipped around a strong path, pulse durations.
@@ -69,9 +67,15 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             noise: NoiseLevel::white(white),
             posterior: Square::zero(),
         };
-        for _ in 0..PATHS + 4 {
-            fit.fit_noise();
-            fit.settle();
+        for round in 0..PATHS + 4 {
+            if round == 1 {
+                // The first fit beside a path starts from nothing: iterate once more.
+                fit.fit_noise();
+            }
+            if round > 0 {
+                fit.fit_noise();
+                fit.settle();
+            }
             if !fit.add_strongest() {
                 break;
             }
@@ -100,12 +104,10 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         [re, im]
     }
 
-    /// White noise from the residual, then the dense multipath's scale by three passes of weighted least
-    /// squares, each sample weighted by the inverse square of its level.
+    /// One pass over the residual refines white noise (the mean of all powers below five times its last value) and
+    /// the dense multipath's scale (least squares, each sample weighted by the inverse square of its last level).
+    /// The rounds of the estimation are the iterations of this fit.
     fn fit_noise(&mut self) {
-        if self.components.is_empty() {
-            return;
-        }
         let table = &self.estimator.table;
         let spacing = self.estimator.sample_spacing_s;
         let skip = SKIP_PULSES * table.samples_per_pulse();
@@ -113,34 +115,32 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         for component in &self.components {
             onset = smaller(component.position, onset);
         }
-        let white = white_level(
-            || self.samples.iter().enumerate().map(|(n, sample)| power(&self.residual(n, sample))),
-            self.samples.len(),
-        );
-        let mut dense = 0.0;
-        for _ in 0..3 {
-            let mut walk = LevelWalk::new(onset, spacing);
-            let mut excess = 0.0;
-            let mut norm = 0.0;
-            for (n, sample) in self.samples.iter().enumerate() {
-                let profile = walk.next(n);
-                if profile <= 0.0 {
-                    continue;
-                }
-                let near_strong = self
-                    .components
-                    .iter()
-                    .any(|component| component.gain > STRONG && abs(n as f32 - component.position) < skip);
-                if near_strong {
-                    continue;
-                }
-                let level = white + dense * profile;
-                let weight = profile / (level * level);
-                excess += weight * (power(&self.residual(n, sample)) - white);
-                norm += weight * profile;
+        let NoiseLevel { white, dense, .. } = self.noise;
+        let mut walk = LevelWalk::new(onset, spacing);
+        let mut trimmed = TrimmedMean::below(white);
+        let mut excess = 0.0;
+        let mut norm = 0.0;
+        for (n, sample) in self.samples.iter().enumerate() {
+            let residual = power(&self.residual(n, sample));
+            trimmed.add(residual);
+            let profile = walk.next(n);
+            if profile <= 0.0 {
+                continue;
             }
-            dense = if norm > 0.0 { larger(excess / norm, 0.0) } else { 0.0 };
+            let near_strong = self
+                .components
+                .iter()
+                .any(|component| component.gain > STRONG && abs(n as f32 - component.position) < skip);
+            if near_strong {
+                continue;
+            }
+            let level = white + dense * profile;
+            let weight = profile / (level * level);
+            excess += weight * (residual - white);
+            norm += weight * profile;
         }
+        let white = larger(trimmed.mean(), 1e-6 * white);
+        let dense = if norm > 0.0 { larger(excess / norm, 0.0) } else { 0.0 };
         self.noise = NoiseLevel { white, dense, onset_samples: onset };
         let noise = self.noise;
         for component in &mut self.components {
@@ -183,7 +183,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         let position = n as f32 + parabola_vertex(left, gain, right);
         let s = larger(self.uncertainty(position), SMALLEST_S);
         let level = level_at(&self.noise, position, spacing);
-        let matched = interpolate(self.samples, position);
+        let matched = self.estimator.interpolation.at(self.samples, position);
         let mut residual = matched;
         for component in &self.components {
             let r = table.at(position - component.position);
@@ -243,7 +243,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 if power(&moved) <= here {
                     break;
                 }
-                let matched = interpolate(self.samples, position);
+                let matched = self.estimator.interpolation.at(self.samples, position);
                 let level = level_at(&self.noise, position, self.estimator.sample_spacing_s);
                 if let Some(component) = self.components.get_mut(k) {
                     component.position = position;
@@ -257,7 +257,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
 
     /// The matched filter's output at a position without all components but `k`.
     fn without(&self, k: usize, position: f32) -> Complex {
-        let [mut re, mut im] = interpolate(self.samples, position);
+        let [mut re, mut im] = self.estimator.interpolation.at(self.samples, position);
         for (j, component) in self.components.iter().enumerate() {
             if j == k {
                 continue;
@@ -385,37 +385,4 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
 fn power(sample: &Complex) -> f32 {
     let [re, im] = *sample;
     re * re + im * im
-}
-
-/// Band-limited interpolation of the frame between its samples: 16 taps of a sinc under the window
-/// (1 - (d/8)^2)^2; samples beyond the frame count as zero.
-fn interpolate(samples: &[Complex], position: f32) -> Complex {
-    let base = floor(position);
-    let fraction = position - base;
-    if fraction < 1e-6 {
-        return if base >= 0.0 {
-            samples.get(base as usize).copied().unwrap_or([0.0, 0.0])
-        } else {
-            [0.0, 0.0]
-        };
-    }
-    // sin(pi (fraction - i)) = +- sin(pi fraction): one sine serves all taps.
-    let sine = sin(core::f32::consts::PI * fraction) / core::f32::consts::PI;
-    let mut re = 0.0;
-    let mut im = 0.0;
-    for tap in 0..2 * HALF_TAPS {
-        let offset = tap as f32 - (HALF_TAPS as f32 - 1.0);
-        let index = base + offset;
-        let sample = if index >= 0.0 { samples.get(index as usize).copied() } else { None };
-        let Some([s_re, s_im]) = sample else { continue };
-        let distance = fraction - offset;
-        let relative = distance / HALF_TAPS as f32;
-        let taper = 1.0 - relative * relative;
-        // Offsets run from -7: an odd tap index has an even offset.
-        let sign = if tap % 2 == 1 { 1.0 } else { -1.0 };
-        let weight = sign * sine / distance * (taper * taper);
-        re += weight * s_re;
-        im += weight * s_im;
-    }
-    [re, im]
 }

@@ -10,6 +10,7 @@
 
 mod complex;
 mod gram;
+mod interpolation;
 mod magnitude;
 mod noise;
 
@@ -17,6 +18,7 @@ use crate::observation::{Complex, Samples};
 use crate::pulse::{Pulse, PulseTable};
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, ln, sqrt};
 use heapless::Vec;
+use interpolation::Interpolation;
 
 pub use noise::NoiseLevel;
 
@@ -63,6 +65,7 @@ impl<const PATHS: usize> ChannelEstimate<PATHS> {
 pub struct ChannelEstimator<const PATHS: usize> {
     pulse: Pulse,
     table: PulseTable,
+    interpolation: Interpolation,
     sample_spacing_s: f32,
     threshold: f32,
 }
@@ -75,6 +78,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         Self {
             pulse,
             table: PulseTable::new(&pulse, sample_spacing_s),
+            interpolation: Interpolation::new(),
             sample_spacing_s,
             threshold: detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths),
         }

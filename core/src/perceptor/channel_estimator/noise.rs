@@ -87,9 +87,35 @@ pub(super) fn level_at(noise: &NoiseLevel, position: f32, sample_spacing_s: f32)
     noise.white + noise.dense * profile((position - noise.onset_samples) * sample_spacing_s)
 }
 
-/// White noise power from the powers of a frame's samples: the mean of the four quietest of 16 blocks, then
-/// three passes of the mean of all powers below five times the estimate. Exponentially distributed powers cut
-/// off at five means have the mean 0.9661 of the full distribution, which is undone.
+/// Mean of exponentially distributed powers from those below five times a first guess of it. Cut off there, they
+/// have 0.9661 of the full mean, which is undone; iterated, the guess converges.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TrimmedMean {
+    guess: f32,
+    sum: f32,
+    count: u32,
+}
+
+impl TrimmedMean {
+    pub fn below(guess: f32) -> Self {
+        Self { guess, sum: 0.0, count: 0 }
+    }
+
+    pub fn add(&mut self, power: f32) {
+        if power < 5.0 * self.guess {
+            self.sum += power;
+            self.count += 1;
+        }
+    }
+
+    /// The mean; the guess where no power was below the cut.
+    pub fn mean(&self) -> f32 {
+        if self.count > 0 { self.sum / (self.count as f32 * 0.9661) } else { self.guess }
+    }
+}
+
+/// White noise power from the powers of a frame's samples: the fourth quietest of 16 block means,
+/// then three passes of [`TrimmedMean`].
 ///
 /// `powers` is walked four times. The result is at least 1e-12 of the strongest power.
 pub(super) fn white_level<I: Iterator<Item = f32>>(powers: impl Fn() -> I, samples: usize) -> f32 {
@@ -133,17 +159,9 @@ pub(super) fn white_level<I: Iterator<Item = f32>>(powers: impl Fn() -> I, sampl
         level = larger(level, quietest);
     }
     for _ in 0..3 {
-        let mut sum = 0.0;
-        let mut count = 0_usize;
-        for power in powers() {
-            if power < 5.0 * level {
-                sum += power;
-                count += 1;
-            }
-        }
-        if count > 0 {
-            level = sum / (count as f32 * 0.9661);
-        }
+        let mut trimmed = TrimmedMean::below(level);
+        powers().for_each(|power| trimmed.add(power));
+        level = trimmed.mean();
     }
     larger(level, larger(strongest * 1e-12, 1e-30))
 }
