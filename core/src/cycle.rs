@@ -35,14 +35,14 @@ struct Scan<const PATHS: usize> {
 }
 
 /// A scan with what it was compared to, and the outcome.
-struct AssociatedScan<const VAS: usize, const PATHS: usize> {
-    scan: Scan<PATHS>,
+struct AssociatedScan<'a, const VAS: usize, const PATHS: usize> {
+    scan: &'a Scan<PATHS>,
     direct: Regression,
     virtual_anchors: Vec<Regression, VAS>,
     beliefs: Beliefs<VAS, PATHS>,
 }
 
-impl<const VAS: usize, const PATHS: usize> AssociatedScan<VAS, PATHS> {
+impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
     /// Every feature with the beliefs about it, the direct path first.
     fn features(&self) -> impl Iterator<Item = (&Regression, &Belief<PATHS>)> {
         core::iter::once(&self.direct).chain(&self.virtual_anchors).zip(self.beliefs.features())
@@ -181,7 +181,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let predicted = self.filter.agent_covariance();
 
         observer.stage(Stage::Associate);
-        let heard = self.associate(scans, tag_height_m, observer);
+        let heard = self.associate(&scans, tag_height_m, observer);
 
         observer.stage(Stage::Update);
         self.update(&heard);
@@ -361,13 +361,13 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Compares every scan with its anchor's features at the predicted state.
-    fn associate(
+    fn associate<'a>(
         &self,
-        scans: Vec<Scan<PATHS>, ANCHORS>,
+        scans: &'a Vec<Scan<PATHS>, ANCHORS>,
         tag_height_m: Option<f32>,
         observer: &mut impl Observer<VAS, PATHS>,
-    ) -> Vec<AssociatedScan<VAS, PATHS>, ANCHORS> {
-        let mut heard: Vec<AssociatedScan<VAS, PATHS>, ANCHORS> = Vec::new();
+    ) -> Vec<AssociatedScan<'a, VAS, PATHS>, ANCHORS> {
+        let mut heard: Vec<AssociatedScan<'a, VAS, PATHS>, ANCHORS> = Vec::new();
         for scan in scans {
             let anchor = scan.anchor;
             if let Some(associated) = self.associate_scan(scan, tag_height_m) {
@@ -379,11 +379,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         heard
     }
 
-    fn associate_scan(
+    fn associate_scan<'a>(
         &self,
-        scan: Scan<PATHS>,
+        scan: &'a Scan<PATHS>,
         tag_height_m: Option<f32>,
-    ) -> Option<AssociatedScan<VAS, PATHS>> {
+    ) -> Option<AssociatedScan<'a, VAS, PATHS>> {
         let anchor = scan.anchor;
         let settings = &self.config.association;
         let sight = self.sight(anchor, tag_height_m)?;
@@ -419,7 +419,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Moves the state by everything associated: direct paths first, then virtual anchors, by anchor.
-    fn update(&mut self, heard: &Vec<AssociatedScan<VAS, PATHS>, ANCHORS>) {
+    fn update(&mut self, heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>) {
         let innovations = heard.iter().flat_map(|associated| {
             let scan = &associated.scan;
             associated
@@ -431,7 +431,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// Existence of virtual anchors, SINR of every source whose path was probably seen, and how much of each scan
     /// nothing explained.
-    fn remember(&mut self, heard: &Vec<AssociatedScan<VAS, PATHS>, ANCHORS>, report: &mut CycleReport) {
+    fn remember(&mut self, heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>, report: &mut CycleReport) {
         self.channel.age();
         for associated in heard {
             let scan = &associated.scan;
@@ -469,7 +469,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// takes resolved candidates into the map.
     fn discover(
         &mut self,
-        heard: &Vec<AssociatedScan<VAS, PATHS>, ANCHORS>,
+        heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>,
         tag_height_m: Option<f32>,
         report: &mut CycleReport,
     ) {

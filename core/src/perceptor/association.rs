@@ -170,8 +170,8 @@ impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
             }
         };
         harden(&mut self.direct, direct);
-        for (belief, choice) in self.virtual_anchors.iter_mut().zip(virtual_anchors) {
-            harden(belief, choice);
+        for (belief, choice) in self.virtual_anchors.iter_mut().zip(&virtual_anchors) {
+            harden(belief, *choice);
         }
     }
 }

@@ -1,0 +1,186 @@
+//! The feed: set-up and cycles of a recording, as the host's `cogmint trace --feed` writes them.
+//!
+//! Little-endian 32-bit words. `COG1`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
+//! 15 configuration words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; per
+//! action carrier and pulse duration. Per cycle: elapsed time; whether the height is known and the height; number
+//! of frames; per frame anchor, action, delay of the first sample, kind (0 complex, 1 magnitude), number of
+//! samples, samples; number of ranges; per range anchor, range, variance.
+
+use crate::SAMPLES;
+use crate::host::File;
+use cogmint_core::controller::library::Action;
+use cogmint_core::observation::{Complex, Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
+use heapless::Vec;
+
+const MAGIC: u32 = u32::from_le_bytes(*b"COG1");
+const ANCHORS: usize = 2;
+const VAS: usize = 24;
+const PATHS: usize = 16;
+const ACTIONS: usize = 40;
+
+/// An open feed.
+pub struct Feed {
+    file: File,
+}
+
+/// What the tracker is started with.
+pub struct Setup {
+    pub config: Config,
+    pub anchors: Vec<Anchor, ANCHORS>,
+    pub map: Vec<MappedVirtualAnchor, VAS>,
+    pub actions: Vec<Action, ACTIONS>,
+    pub seed: u64,
+    pub cycles: u32,
+}
+
+/// A frame whose samples lie in the common buffer.
+struct StoredFrame {
+    anchor: usize,
+    action: usize,
+    first_sample_delay_s: f32,
+    from: usize,
+    to: usize,
+}
+
+/// One cycle of the feed.
+pub struct CycleInput {
+    frames: Vec<StoredFrame, ANCHORS>,
+    ranges: [Vec<Range, PATHS>; ANCHORS],
+    pub elapsed_s: f32,
+    pub tag_height_m: Option<f32>,
+}
+
+impl CycleInput {
+    /// What the tracker gets: frames, then ranges, by anchor.
+    pub fn observations<'a>(&'a self, samples: &'a [Complex; SAMPLES]) -> Vec<Observation<'a>, 4> {
+        let mut observations = Vec::new();
+        for frame in &self.frames {
+            if let Some(samples) = samples.get(frame.from..frame.to) {
+                // Two anchors, two kinds: every push succeeds.
+                let _ = observations.push(Observation::Frame(Frame {
+                    anchor: frame.anchor,
+                    action: frame.action,
+                    sequence: None,
+                    first_sample_delay_s: frame.first_sample_delay_s,
+                    samples: Samples::Complex(samples),
+                }));
+            }
+        }
+        for (anchor, ranges) in self.ranges.iter().enumerate() {
+            if !ranges.is_empty() {
+                let _ = observations.push(Observation::Ranges(RangeScan { anchor, ranges }));
+            }
+        }
+        observations
+    }
+}
+
+impl Feed {
+    /// Opens the feed and checks its head.
+    pub fn open() -> Option<Self> {
+        let mut feed = Self { file: File::open_feed()? };
+        (feed.word()? == MAGIC).then_some(feed)
+    }
+
+    fn word(&mut self) -> Option<u32> {
+        let mut bytes = [0; 4];
+        self.file.read(&mut bytes).then(|| u32::from_le_bytes(bytes))
+    }
+
+    fn count(&mut self) -> Option<usize> {
+        Some(self.word()? as usize)
+    }
+
+    fn float(&mut self) -> Option<f32> {
+        Some(f32::from_bits(self.word()?))
+    }
+
+    /// Reads the set-up, which comes first.
+    pub fn setup(&mut self) -> Option<Setup> {
+        let (anchors, map, actions) = (self.count()?, self.count()?, self.count()?);
+        let cycles = self.word()?;
+        let seed = u64::from(self.word()?) | u64::from(self.word()?) << 32;
+        let mut config = Config::default();
+        config.motion.acceleration_std_m_s2 = self.float()?;
+        config.start.position_m = [self.float()?, self.float()?];
+        config.start.position_std_m = self.float()?;
+        config.start.velocity_std_m_s = self.float()?;
+        config.association.detection_probability = self.float()?;
+        config.association.clutter_per_anchor = self.float()?;
+        config.ranging.max_range_m = self.float()?;
+        config.ranging.bias_mean_m = self.float()?;
+        config.ranging.bias_std_m = self.float()?;
+        config.radio.roll_off = self.float()?;
+        config.radio.sample_spacing_s = self.float()?;
+        config.radio.samples_per_frame = self.count()?;
+        config.controller.first_action = self.count()?;
+        config.controller.planned_actions = self.count()?;
+        let mut setup =
+            Setup { config, anchors: Vec::new(), map: Vec::new(), actions: Vec::new(), seed, cycles };
+        for _ in 0..anchors {
+            let anchor = Anchor { position_m: [self.float()?, self.float()?], height_m: self.float()? };
+            setup.anchors.push(anchor).ok()?;
+        }
+        for _ in 0..map {
+            let mapped = MappedVirtualAnchor {
+                anchor: self.count()?,
+                position_m: [self.float()?, self.float()?],
+                std_m: self.float()?,
+            };
+            setup.map.push(mapped).ok()?;
+        }
+        for _ in 0..actions {
+            let action = Action { carrier_hz: self.float()?, pulse_duration_s: self.float()? };
+            setup.actions.push(action).ok()?;
+        }
+        Some(setup)
+    }
+
+    /// Reads the next cycle, its samples into `samples`.
+    pub fn cycle(&mut self, samples: &mut [Complex; SAMPLES]) -> Option<CycleInput> {
+        let elapsed_s = self.float()?;
+        let known = self.word()? != 0;
+        let height = self.float()?;
+        let mut input = CycleInput {
+            frames: Vec::new(),
+            ranges: [Vec::new(), Vec::new()],
+            elapsed_s,
+            tag_height_m: known.then_some(height),
+        };
+        let mut from = 0;
+        for _ in 0..self.count()? {
+            let (anchor, action) = (self.count()?, self.count()?);
+            let first_sample_delay_s = self.float()?;
+            // Magnitudes do not fit the complex buffer; no recording for the target has them.
+            if self.word()? != 0 {
+                return None;
+            }
+            let to = from + self.count()?;
+            self.samples(samples.get_mut(from..to)?)?;
+            input.frames.push(StoredFrame { anchor, action, first_sample_delay_s, from, to }).ok()?;
+            from = to;
+        }
+        for _ in 0..self.count()? {
+            let anchor = self.count()?;
+            let range = Range { range_m: self.float()?, variance_m2: self.float()? };
+            input.ranges.get_mut(anchor)?.push(range).ok()?;
+        }
+        Some(input)
+    }
+
+    fn samples(&mut self, into: &mut [Complex]) -> Option<()> {
+        let mut bytes = [0; 512];
+        for chunk in into.chunks_mut(bytes.len() / 8) {
+            let filled = bytes.get_mut(..chunk.len() * 8)?;
+            if !self.file.read(filled) {
+                return None;
+            }
+            for (sample, word) in chunk.iter_mut().zip(filled.chunks_exact(8)) {
+                let &[a, b, c, d, e, f, g, h] = word else { return None };
+                *sample = [f32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h])];
+            }
+        }
+        Some(())
+    }
+}
