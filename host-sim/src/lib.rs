@@ -6,3 +6,7 @@ pub mod plot;
 pub mod recording;
 pub mod replay;
 pub mod score;
+pub mod demo;
+pub mod room;
+pub mod trace;
+pub mod track;

@@ -1,44 +1,76 @@
-//! scratch
-use cogmint::{recording::Recording, replay::*, score::Score};
-fn main() {
-    let a: Vec<String> = std::env::args().collect();
-    let dir = std::path::Path::new(&a[1]);
-    let r = Recording::read(dir).unwrap();
-    let seeds: Vec<Option<u64>> = match a.get(2) {
-        Some(n) => (1..=n.parse::<u64>().unwrap()).map(Some).collect(),
-        None => vec![None],
+//! The `cogmint` command.
+
+mod command;
+
+use clap::{Parser, Subcommand};
+use cogmint::input_error::InputError;
+use std::io;
+use std::process::ExitCode;
+
+/// Cognitive, multipath-assisted UWB tracking: simulate, import, replay, verify.
+///
+/// Without a command: simulates the built-in room twice, with a fixed carrier and with the tracker's own choice,
+/// prints a table and draws both.
+#[derive(Parser)]
+#[command(version, args_conflicts_with_subcommands = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    demo: command::demo::Options,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Turn data of others into recordings.
+    #[command(subcommand)]
+    Import(command::import::Source),
+    /// Replay a recording through the core: table, figure, scores.
+    Track(command::track::Options),
+    /// Compare the core with the float reference, bit for bit.
+    Verify(command::verify::Options),
+    /// Print the golden trace: a hash over all state after every cycle.
+    Trace(command::trace::Options),
+}
+
+/// Why a command failed.
+pub enum Failure {
+    /// Bad usage or input: exit code 2.
+    Input(InputError),
+    /// The work itself failed: exit code 1.
+    Work(String),
+}
+
+impl From<InputError> for Failure {
+    fn from(error: InputError) -> Self {
+        Self::Input(error)
+    }
+}
+
+impl From<io::Error> for Failure {
+    fn from(error: io::Error) -> Self {
+        Self::Work(error.to_string())
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let outcome = match arguments.command {
+        None => command::demo::run(&arguments.demo),
+        Some(Command::Import(source)) => command::import::run(&source),
+        Some(Command::Track(options)) => command::track::run(&options),
+        Some(Command::Verify(options)) => command::verify::run(&options),
+        Some(Command::Trace(options)) => command::trace::run(&options),
     };
-    for s in seeds {
-        let setup = Setup::new(&r, dir, s).unwrap();
-        let mut t = setup.tracker::<8>().unwrap();
-        let (mut e, mut sec, mut refd) = (vec![], 0.0, 0);
-        for (i, inp) in inputs(&r).enumerate() {
-            let st = step(&mut t, &inp, &mut ()).unwrap();
-            sec += st.seconds;
-            if st.refused.is_some() {
-                refd += 1;
-                if refd == 1 {
-                    eprintln!("{:?}", st.refused);
-                }
-            }
-            if let Some(p) = r.cycles[i].truth_position_m {
-                e.push((p[0] - st.report.position_m[0] as f64).hypot(p[1] - st.report.position_m[1] as f64));
-            }
-            if a.len() > 3 && st.report.discovered > 0 {
-                eprintln!("{i} discovered");
-            }
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Input(error)) => {
+            eprintln!("cogmint: {error}");
+            ExitCode::from(2)
         }
-        let n = t.environment().iter().filter(|(_, r)| r.existence > 0.5).count();
-        let sc = Score::new(r.cycles.len(), &e, sec);
-        println!(
-            "{s:?} rmse {:.3} p95 {:.3} max {:.3} end {:.3} div {} us {:.1} vas {n} refused {refd} bias {:?}",
-            sc.rmse_m.unwrap_or(-1.),
-            sc.p95_m.unwrap_or(-1.),
-            sc.max_m.unwrap_or(-1.),
-            e.last().copied().unwrap_or(-1.),
-            sc.diverged,
-            sc.us_per_cycle,
-            (0..6).map(|j| t.filter().bias_m(j).unwrap().0).collect::<Vec<_>>()
-        );
+        Err(Failure::Work(reason)) => {
+            eprintln!("cogmint: {reason}");
+            ExitCode::FAILURE
+        }
     }
 }

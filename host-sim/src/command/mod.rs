@@ -1,0 +1,67 @@
+//! The command's subcommands: each parses its options, calls the library, prints.
+
+pub mod demo;
+pub mod import;
+pub mod trace;
+pub mod track;
+pub mod verify;
+
+use crate::Failure;
+use cogmint::plot::Picture;
+use cogmint::recording::Recording;
+use cogmint::room::Room;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+/// Where figures go unless told otherwise.
+const OUTPUT_FOLDER: &str = "cogmint-out";
+
+/// A progress bar on the terminal; silent where there is none.
+fn progress(length: usize, what: &str) -> ProgressBar {
+    let target =
+        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let bar = ProgressBar::with_draw_target(Some(length as u64), target);
+    if let Ok(style) = ProgressStyle::with_template("{msg:12} [{bar:40}] {pos}/{len} cycles, {eta} left") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_message(what.to_owned());
+    bar
+}
+
+/// Prints to standard output; a closed pipe ends the printing, not the command.
+fn print(text: &str) {
+    let _ = writeln!(std::io::stdout(), "{text}");
+}
+
+fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+    print(&serde_json::to_string_pretty(value).map_err(|error| Failure::Work(error.to_string()))?);
+    Ok(())
+}
+
+/// Writes a picture as SVG and PNG, making the folder first; `to` has no extension.
+fn write_picture(picture: &Picture, to: &Path) -> Result<[PathBuf; 2], Failure> {
+    let failed = |error: std::io::Error| Failure::Work(format!("{}: {error}", to.display()));
+    if let Some(folder) = to.parent() {
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    picture.write(to).map_err(failed)
+}
+
+/// The recording of a folder, or of the built-in room where none is given, with the name to speak of it.
+fn recording_or_room(folder: Option<&Path>, seed: u64, cycles: usize) -> Result<(Recording, PathBuf), Failure> {
+    match folder {
+        Some(folder) => Ok((Recording::read(folder)?, folder.to_owned())),
+        None => {
+            let room = Room::new(seed, cycles);
+            let run = cogmint::demo::run(&room, true, seed, || {})?;
+            Ok((run.recording, PathBuf::from("the built-in room")))
+        }
+    }
+}
+
+/// A length in metres for a table, or a dash.
+fn metres(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".into(), |value| format!("{value:.3}"))
+}

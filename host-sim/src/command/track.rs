@@ -1,0 +1,98 @@
+//! `cogmint track`: a recording through the core.
+
+use super::{OUTPUT_FOLDER, metres, print, print_json, progress, write_picture};
+use crate::Failure;
+use cogmint::recording::Recording;
+use cogmint::score::Score;
+use cogmint::track::{MappedVirtualAnchor, track};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args)]
+pub struct Options {
+    /// The recording's folder.
+    folder: PathBuf,
+    /// Draw the start within the recording's prior; without, the start is the prior's mean.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Where the figure goes, without extension.
+    #[arg(long, value_name = "PATH")]
+    plot: Option<PathBuf>,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Outcome<'a> {
+    recording: &'a str,
+    #[serde(flatten)]
+    score: &'a Score,
+    refused_cycles: usize,
+    first_refusal: &'a Option<String>,
+    virtual_anchors_found: &'a [MappedVirtualAnchor],
+    range_bias_m: &'a [[f64; 2]],
+    figure: [PathBuf; 2],
+}
+
+pub fn run(options: &Options) -> Result<(), Failure> {
+    let folder = &options.folder;
+    let recording = Recording::read(folder)?;
+    let bar = progress(recording.cycles.len(), "tracking");
+    let run = track(&recording, folder, options.seed, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
+    let to = options.plot.clone().unwrap_or_else(|| Path::new(OUTPUT_FOLDER).join(format!("{name}-track")));
+    let figure = write_picture(&run.picture(&recording), &to)?;
+    let score = &run.score;
+    if options.json {
+        return print_json(&Outcome {
+            recording: &recording.name,
+            score,
+            refused_cycles: run.refused,
+            first_refusal: &run.first_refusal,
+            virtual_anchors_found: &run.virtual_anchors,
+            range_bias_m: &run.bias_m,
+            figure,
+        });
+    }
+    print(&format!("{}: {} cycles, {} anchors.", recording.name, score.cycles, recording.anchors.len()));
+    print("\n  RMSE m  median m   90 % m   95 % m    max m  diverged  us/cycle");
+    print(&format!(
+        "{:>8} {:>9} {:>8} {:>8} {:>8} {:>9} {:>9.1}",
+        metres(score.rmse_m),
+        metres(score.p50_m),
+        metres(score.p90_m),
+        metres(score.p95_m),
+        metres(score.max_m),
+        if score.scored == 0 {
+            "unknown"
+        } else if score.diverged {
+            "yes"
+        } else {
+            "no"
+        },
+        score.us_per_cycle,
+    ));
+    if !run.virtual_anchors.is_empty() {
+        print("\nvirtual anchor of       x m      y m  deviation m  existence");
+        for va in &run.virtual_anchors {
+            let [xx, _, yy] = va.covariance_m2;
+            let anchor = recording.anchors.get(va.anchor).map_or("?", |anchor| anchor.name.as_str());
+            let [x, y] = va.position_m;
+            print(&format!(
+                "{anchor:<17} {x:>9.2} {y:>8.2} {:>12.3} {:>10.3}",
+                (xx + yy).sqrt(),
+                va.existence
+            ));
+        }
+    }
+    for (anchor, [bias, deviation]) in recording.anchors.iter().zip(&run.bias_m) {
+        print(&format!("range bias of {}: {bias:.3} m, deviation {deviation:.3} m", anchor.name));
+    }
+    if let Some(reason) = &run.first_refusal {
+        print(&format!("{} cycles refused, the first because {reason}", run.refused));
+    }
+    print(&format!("\nFigure: {}", figure[1].display()));
+    Ok(())
+}

@@ -1,0 +1,246 @@
+//! Association of one anchor's measurements with its features, by loopy belief propagation.
+//!
+//! Feature k (the direct path, then the virtual anchors) has a factor for "no measurement" and one for each
+//! measurement m, with existence r_k, detection probability Pd, and lambda the intensity of everything unknown:
+//!
+//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / lambda.
+//!
+//! Messages go back and forth until they stand still:
+//!
+//! mu_km = psi_km / (psi_k0 + sum over m' != m of psi_km' nu_m'k),
+//! nu_mk = 1 / (1 + sum over k' != k of mu_k'm).
+//!
+//! Beliefs: p(b_k = m) ~ psi_km nu_mk, p(b_k = 0) ~ psi_k0.
+//!
+//! Order: a sum that leaves one term out is (the terms before it, summed upwards from the first) + (the terms after
+//! it, summed downwards from the last), each starting from its constant (psi_k0 or 1 before, 0 after).
+
+use super::Matrix;
+use super::real::{Real, abs, exp, larger, sqrt, square, tau};
+
+/// Standard deviations beyond which a measurement cannot belong to a feature.
+const GATE: f32 = 4.0;
+/// Relative change below which a message stands still.
+const TOLERANCE: f32 = 1e-4;
+/// Most rounds of messages.
+const ITERATIONS: usize = 60;
+
+/// One path or range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement<T> {
+    /// Distance, metres.
+    pub range_m: T,
+    /// Variance, square metres.
+    pub variance_m2: T,
+    /// Component SINR; 0 if unknown.
+    pub sinr: T,
+    /// Energy; 0 if unknown.
+    pub energy: T,
+}
+
+/// What is expected of a feature.
+#[derive(Clone, Copy, Debug)]
+pub struct Expectation<T> {
+    /// Mean of the range, metres.
+    pub range_m: T,
+    /// Its variance, square metres.
+    pub variance_m2: T,
+    /// Probability that the feature exists.
+    pub existence: T,
+    /// Probability that it is detected if it exists.
+    pub detection: T,
+}
+
+/// Intensities of measurements of unknown origin, per metre.
+#[derive(Clone, Copy, Debug)]
+pub struct Clutter<T> {
+    /// False alarms.
+    pub false_alarms_per_m: T,
+    /// False alarms and paths of unmapped virtual anchors.
+    pub all_per_m: T,
+}
+
+/// Beliefs about one feature.
+#[derive(Clone, Debug)]
+pub struct Belief<T> {
+    /// p(b = 0).
+    pub missed: T,
+    /// p(b = m).
+    pub associated: Vec<T>,
+    /// Posterior existence.
+    pub existence: T,
+}
+
+/// The outcome for one anchor.
+#[derive(Clone, Debug)]
+pub struct Beliefs<T> {
+    /// The features, the direct path first.
+    pub features: Vec<Belief<T>>,
+    /// Probability that each measurement comes from no known feature.
+    pub unassociated: Vec<T>,
+    /// Rounds of messages.
+    pub iterations: usize,
+}
+
+/// Associates `measurements` with `features`, of which the first is the direct path.
+pub fn associate<T: Real>(
+    features: &[Expectation<T>],
+    measurements: &[Measurement<T>],
+    clutter: &Clutter<T>,
+) -> Beliefs<T> {
+    let (rows, columns) = (features.len(), measurements.len());
+
+    // The factors.
+    let mut absent = Vec::new();
+    let mut psi: Matrix<T> = Vec::new();
+    for feature in features {
+        let missing = feature.existence * (T::ONE - feature.detection) + (T::ONE - feature.existence);
+        absent.push(larger(missing, T::of(1e-6)));
+        psi.push(measurements.iter().map(|measurement| likelihood(feature, measurement, clutter)).collect());
+    }
+    discount_later_arrivals(&mut psi[0], measurements, clutter);
+
+    // The messages.
+    let mut mu = super::zeros::<T>(rows, columns);
+    let mut nu = vec![vec![T::ONE; columns]; rows];
+    let mut iterations = 0;
+    while iterations < ITERATIONS {
+        iterations += 1;
+        for k in 0..rows {
+            for m in 0..columns {
+                let mut before = absent[k];
+                for other in 0..m {
+                    before += psi[k][other] * nu[k][other];
+                }
+                let mut after = T::ZERO;
+                for other in (m + 1..columns).rev() {
+                    after += psi[k][other] * nu[k][other];
+                }
+                mu[k][m] = psi[k][m] / (before + after);
+            }
+        }
+        let mut moving = false;
+        for k in 0..rows {
+            for m in 0..columns {
+                let mut above = T::ONE;
+                for other in 0..k {
+                    above += mu[other][m];
+                }
+                let mut below = T::ZERO;
+                for other in (k + 1..rows).rev() {
+                    below += mu[other][m];
+                }
+                let next = T::ONE / (above + below);
+                if abs(next - nu[k][m]) > T::of(TOLERANCE) * nu[k][m] {
+                    moving = true;
+                }
+                nu[k][m] = next;
+            }
+        }
+        if !moving {
+            break;
+        }
+    }
+
+    // The beliefs.
+    let mut beliefs = Vec::new();
+    for k in 0..rows {
+        let mut sum = absent[k];
+        let mut associated = vec![T::ZERO; columns];
+        for m in 0..columns {
+            associated[m] = psi[k][m] * nu[k][m];
+            sum += associated[m];
+        }
+        for m in 0..columns {
+            associated[m] /= sum;
+        }
+        let missed = absent[k] / sum;
+        // The part of "no measurement" in which the feature exists.
+        let undetected = features[k].existence * (T::ONE - features[k].detection) / absent[k];
+        beliefs.push(Belief { missed, associated, existence: T::ONE - missed * (T::ONE - undetected) });
+    }
+    let mut unassociated = Vec::new();
+    for m in 0..columns {
+        let mut sum = T::ONE;
+        for k in 0..rows {
+            sum += mu[k][m];
+        }
+        unassociated.push(T::ONE / sum);
+    }
+    Beliefs { features: beliefs, unassociated, iterations }
+}
+
+/// psi_km; zero outside the gate.
+fn likelihood<T: Real>(
+    feature: &Expectation<T>,
+    measurement: &Measurement<T>,
+    clutter: &Clutter<T>,
+) -> T {
+    let innovation = measurement.range_m - feature.range_m;
+    let variance = feature.variance_m2 + measurement.variance_m2;
+    let nis = square(innovation) / variance;
+    if nis < T::of(GATE) * T::of(GATE) {
+        // Order: ((r Pd / lambda) exp) / sqrt.
+        let scale = feature.existence * feature.detection / clutter.all_per_m;
+        scale * exp(T::of(-0.5) * nis) / sqrt(tau::<T>() * variance)
+    } else {
+        T::ZERO
+    }
+}
+
+/// First-arrival rule: nothing unmapped is shorter than the direct path, so each measurement more than two deviations
+/// shorter than m must be a false alarm if m is the direct path.
+fn discount_later_arrivals<T: Real>(
+    psi: &mut [T],
+    measurements: &[Measurement<T>],
+    clutter: &Clutter<T>,
+) {
+    let cost = clutter.false_alarms_per_m / clutter.all_per_m;
+    for m in 0..measurements.len() {
+        let clearly_shorter = measurements[m].range_m - T::of(2.0) * sqrt(measurements[m].variance_m2);
+        for other in measurements {
+            if other.range_m < clearly_shorter {
+                psi[m] *= cost;
+            }
+        }
+    }
+}
+
+impl<T: Real> Beliefs<T> {
+    /// The most probable association, greedily: the most probable pair of feature and measurement first, as long as it
+    /// is more probable than that the feature was missed. Per feature, the index of its measurement.
+    pub fn most_probable(&self) -> Vec<Option<usize>> {
+        let columns = self.unassociated.len();
+        let mut choice = vec![None; self.features.len()];
+        let mut taken = vec![false; columns];
+        loop {
+            let mut best: Option<(usize, usize)> = None;
+            let mut most = T::ZERO;
+            for k in 0..self.features.len() {
+                for m in 0..columns {
+                    let p = self.features[k].associated[m];
+                    let free = choice[k].is_none() && !taken[m];
+                    // Order: the first of equals.
+                    if free && p > self.features[k].missed && (best.is_none() || p > most) {
+                        best = Some((k, m));
+                        most = p;
+                    }
+                }
+            }
+            let Some((k, m)) = best else { return choice };
+            choice[k] = Some(m);
+            taken[m] = true;
+        }
+    }
+
+    /// Replaces association probabilities by the most probable association. Existence stays.
+    pub fn harden(&mut self) {
+        let choice = self.most_probable();
+        for k in 0..self.features.len() {
+            self.features[k].missed = if choice[k].is_some() { T::ZERO } else { T::ONE };
+            for m in 0..self.unassociated.len() {
+                self.features[k].associated[m] = if choice[k] == Some(m) { T::ONE } else { T::ZERO };
+            }
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Golden traces: the hash of every cycle, and the feed that makes the target compute the same.
+
+use crate::input_error::InputError;
+use crate::recording::Recording;
+use crate::replay::{CycleInput, SMALL_ANCHORS, Setup, Step, inputs, step};
+use cogmint_core::observation::{Observation, Samples};
+use std::path::Path;
+
+/// Hash over all state after each cycle of a recording of at most two anchors, in the tracker of the target.
+///
+/// # Errors
+/// The recording has more anchors, or the core refuses its set-up.
+pub fn trace(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<Step>, InputError> {
+    if setup.anchors.len() > SMALL_ANCHORS {
+        let reason = format!("has {} anchors, the target holds {SMALL_ANCHORS}", setup.anchors.len());
+        return Err(InputError::new(file, reason));
+    }
+    let refused = |error: cogmint_core::Error| InputError::new(file, error.to_string());
+    let mut tracker = setup.tracker::<SMALL_ANCHORS>().map_err(refused)?;
+    inputs(recording).map(|input| step(&mut tracker, &input, &mut ()).map_err(refused)).collect()
+}
+
+/// The feed of a recording for the firmware, whose source documents the layout.
+///
+/// # Errors
+/// The recording holds frames without phase, which the firmware has no room for.
+pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>, InputError> {
+    let mut feed = Feed::default();
+    feed.word(u32::from_le_bytes(*b"COG1"));
+    for count in [setup.anchors.len(), setup.map.len(), setup.actions.len(), recording.cycles.len()] {
+        feed.count(count);
+    }
+    feed.word(setup.seed as u32);
+    feed.word((setup.seed >> 32) as u32);
+    let config = &setup.config;
+    let [x, y] = config.start.position_m;
+    for value in [
+        config.motion.acceleration_std_m_s2,
+        x,
+        y,
+        config.start.position_std_m,
+        config.start.velocity_std_m_s,
+        config.association.detection_probability,
+        config.association.clutter_per_anchor,
+        config.ranging.max_range_m,
+        config.ranging.bias_mean_m,
+        config.ranging.bias_std_m,
+        config.radio.roll_off,
+        config.radio.sample_spacing_s,
+    ] {
+        feed.float(value);
+    }
+    feed.count(config.radio.samples_per_frame);
+    feed.count(config.controller.first_action);
+    feed.count(config.controller.planned_actions);
+    for anchor in &setup.anchors {
+        let [x, y] = anchor.position_m;
+        [x, y, anchor.height_m].into_iter().for_each(|value| feed.float(value));
+    }
+    for mapped in &setup.map {
+        let [x, y] = mapped.position_m;
+        feed.count(mapped.anchor);
+        [x, y, mapped.std_m].into_iter().for_each(|value| feed.float(value));
+    }
+    for action in &setup.actions {
+        feed.float(action.carrier_hz);
+        feed.float(action.pulse_duration_s);
+    }
+    for input in inputs(recording) {
+        feed.cycle(&input).ok_or_else(|| {
+            InputError::new(file, "holds magnitudes, the firmware takes complex samples only").for_item("frame_magnitude")
+        })?;
+    }
+    Ok(feed.bytes)
+}
+
+/// Little-endian words.
+#[derive(Default)]
+struct Feed {
+    bytes: Vec<u8>,
+}
+
+impl Feed {
+    fn word(&mut self, word: u32) {
+        self.bytes.extend(word.to_le_bytes());
+    }
+
+    fn count(&mut self, count: usize) {
+        self.word(count as u32);
+    }
+
+    fn float(&mut self, value: f32) {
+        self.word(value.to_bits());
+    }
+
+    fn cycle(&mut self, input: &CycleInput<'_>) -> Option<()> {
+        self.float(input.elapsed_s);
+        self.word(u32::from(input.tag_height_m.is_some()));
+        self.float(input.tag_height_m.unwrap_or(0.0));
+        let observations = input.observations();
+        let frames: Vec<_> = observations
+            .iter()
+            .filter_map(|observation| match observation {
+                Observation::Frame(frame) => Some(frame),
+                Observation::Ranges(_) => None,
+            })
+            .collect();
+        self.count(frames.len());
+        for frame in frames {
+            let Samples::Complex(samples) = frame.samples else { return None };
+            self.count(frame.anchor);
+            self.count(frame.action);
+            self.float(frame.first_sample_delay_s);
+            self.word(0);
+            self.count(samples.len());
+            for [re, im] in samples {
+                self.float(*re);
+                self.float(*im);
+            }
+        }
+        let ranges: Vec<_> = observations
+            .iter()
+            .filter_map(|observation| match observation {
+                Observation::Ranges(scan) => Some(scan.ranges.iter().map(|range| (scan.anchor, *range))),
+                Observation::Frame(_) => None,
+            })
+            .flatten()
+            .collect();
+        self.count(ranges.len());
+        for (anchor, range) in ranges {
+            self.count(anchor);
+            self.float(range.range_m);
+            self.float(range.variance_m2);
+        }
+        Some(())
+    }
+}

@@ -1,0 +1,160 @@
+//! A recording through the core, from end to end: the run, its score and its picture.
+
+use crate::input_error::InputError;
+use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, TrackFigure};
+use crate::recording::Recording;
+use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup, Step, inputs, step};
+use crate::score::Score;
+use cogmint_core::memory::environment::CONFIRMED;
+use serde::Serialize;
+use std::path::Path;
+
+/// A virtual anchor that the tracker holds at the end of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MappedVirtualAnchor {
+    /// Index of the physical anchor whose image it is.
+    pub anchor: usize,
+    /// Position, metres.
+    pub position_m: [f64; 2],
+    /// Covariance of the position, square metres: xx, xy, yy.
+    pub covariance_m2: [f64; 3],
+    /// Probability that it exists.
+    pub existence: f64,
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug)]
+pub struct Track {
+    /// Every cycle.
+    pub steps: Vec<Step>,
+    /// Position errors of the cycles whose truth is known, metres, with the cycle.
+    pub errors_m: Vec<(usize, f64)>,
+    /// The score.
+    pub score: Score,
+    /// Virtual anchors with an existence above one half at the end.
+    pub virtual_anchors: Vec<MappedVirtualAnchor>,
+    /// Range bias of each anchor and its standard deviation at the end, metres; empty where none is estimated.
+    pub bias_m: Vec<[f64; 2]>,
+    /// Cycles whose observations the core refused, and why the first was.
+    pub refused: usize,
+    /// Why the first refused cycle was.
+    pub first_refusal: Option<String>,
+}
+
+/// Runs a recording through the core.
+///
+/// # Errors
+/// The recording asks for more than the tracker holds, or its time cannot be followed.
+pub fn track(
+    recording: &Recording,
+    file: &Path,
+    seed: Option<u64>,
+    on_cycle: impl FnMut(),
+) -> Result<Track, InputError> {
+    let setup = Setup::new(recording, file, seed)?;
+    if setup.anchors.len() <= SMALL_ANCHORS {
+        run::<SMALL_ANCHORS>(&setup, recording, file, on_cycle)
+    } else {
+        run::<LARGE_ANCHORS>(&setup, recording, file, on_cycle)
+    }
+}
+
+fn run<const A: usize>(
+    setup: &Setup,
+    recording: &Recording,
+    file: &Path,
+    mut on_cycle: impl FnMut(),
+) -> Result<Track, InputError> {
+    let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
+    let mut steps = Vec::new();
+    let mut errors_m = Vec::new();
+    for (index, (cycle, input)) in recording.cycles.iter().zip(inputs(recording)).enumerate() {
+        let step = step(&mut tracker, &input, &mut ())
+            .map_err(|error| InputError::new(file, format!("cycle {index}: {error}")))?;
+        if let Some([x, y]) = cycle.truth_position_m {
+            let [u, v] = step.report.position_m;
+            errors_m.push((index, (x - f64::from(u)).hypot(y - f64::from(v))));
+        }
+        steps.push(step);
+        on_cycle();
+    }
+    let virtual_anchors = tracker
+        .environment()
+        .iter()
+        .filter(|(_, record)| record.existence > CONFIRMED)
+        .filter_map(|(slot, record)| {
+            let (a, c) = tracker.filter().virtual_anchor(slot)?;
+            Some(MappedVirtualAnchor {
+                anchor: record.anchor,
+                position_m: [a.x, a.y].map(f64::from),
+                covariance_m2: [c.m11, c.m21, c.m22].map(f64::from),
+                existence: f64::from(record.existence),
+            })
+        })
+        .collect();
+    let bias_m = (0..recording.anchors.len())
+        .filter(|_| setup.config.ranging.bias_std_m > 0.0)
+        .filter_map(|anchor| tracker.filter().bias_m(anchor))
+        .map(|(mean, variance)| [f64::from(mean), f64::from(variance).sqrt()])
+        .collect();
+    let errors: Vec<f64> = errors_m.iter().map(|(_, error)| *error).collect();
+    let score = Score::new(steps.len(), &errors, steps.iter().map(|step| step.seconds).sum());
+    let mut refusals = steps.iter().filter_map(|step| step.refused);
+    let first_refusal = refusals.next().map(|error| error.to_string());
+    let refused = steps.iter().filter(|step| step.refused.is_some()).count();
+    Ok(Track { steps, errors_m, score, virtual_anchors, bias_m, refused, first_refusal })
+}
+
+impl Track {
+    /// The track over the anchors, above the error and the entropy over time.
+    pub fn picture(&self, recording: &Recording) -> Picture {
+        let estimates: Vec<[f64; 2]> =
+            self.steps.iter().map(|step| step.report.position_m.map(f64::from)).collect();
+        let truth = recording.cycles.iter().filter_map(|cycle| cycle.truth_position_m).collect();
+        let true_ones = recording.virtual_anchors.iter().map(|va| MappedAnchor {
+            label: String::new(),
+            position_m: va.position_m,
+            covariance_m2: None,
+            is_truth: true,
+        });
+        let found = self.virtual_anchors.iter().map(|va| MappedAnchor {
+            label: format!("{}", va.anchor + 1),
+            position_m: va.position_m,
+            covariance_m2: Some(va.covariance_m2),
+            is_truth: false,
+        });
+        let every = (self.steps.len() / 20).max(1);
+        let ellipses = self.steps.iter().zip(&estimates).step_by(every).map(|(step, position)| {
+            let c = &step.report.position_covariance_m2;
+            (*position, [c.m11, c.m21, c.m22].map(f64::from))
+        });
+        let track = TrackFigure {
+            title: format!("{}: track", recording.name),
+            truth,
+            estimates: vec![("estimate".into(), estimates.clone())],
+            anchors: recording.anchors.iter().map(|a| (a.name.clone(), a.position_m)).collect(),
+            virtual_anchors: true_ones.chain(found).collect(),
+            walls: Vec::new(),
+            ellipses: ellipses.collect(),
+        };
+        let first_s = recording.cycles.first().map_or(0.0, |cycle| cycle.time_s);
+        let time = |index: usize| recording.cycles.get(index).map_or(0.0, |cycle| cycle.time_s - first_s);
+        let line = |title: &str, y_label: &str, log_y: bool, points: Vec<[f64; 2]>| LineFigure {
+            title: title.into(),
+            x_label: "time in s".into(),
+            y_label: y_label.into(),
+            series: vec![Series { label: "estimate".into(), points, faint: false }],
+            spans: Vec::new(),
+            log_y,
+        };
+        let mut rows = vec![vec![Panel::Track(track)]];
+        if !self.errors_m.is_empty() {
+            let points = self.errors_m.iter().map(|(index, error)| [time(*index), error.max(1e-4)]).collect();
+            rows.push(vec![line("Position error", "error in m", true, points).into()]);
+        }
+        let entropy = self.steps.iter().enumerate();
+        let points = entropy.map(|(n, step)| [time(n), f64::from(step.report.entropy_nat)]).collect();
+        rows.push(vec![line("Entropy of the position", "entropy in nat", false, points).into()]);
+        Picture { rows }
+    }
+}
