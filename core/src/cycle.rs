@@ -32,6 +32,8 @@ struct Scan<const PATHS: usize> {
     anchor: usize,
     action: usize,
     measurements: Vec<Measurement, PATHS>,
+    /// Whether a frame was received: only then does a missing path say something about the carrier.
+    framed: bool,
 }
 
 /// A scan with what it was compared to, and the outcome.
@@ -276,7 +278,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ) -> Vec<Scan<PATHS>, ANCHORS> {
         let mut scans: Vec<Scan<PATHS>, ANCHORS> = Vec::new();
         for anchor in 0..self.anchors.len() {
-            let mut scan = Scan { anchor, action: self.action, measurements: Vec::new() };
+            let mut scan = Scan { anchor, action: self.action, measurements: Vec::new(), framed: false };
             let mut heard = false;
             // Ranges first: they outrank the paths near them.
             for observation in observations {
@@ -329,6 +331,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let estimate = self.estimator.estimate(frame.samples, frame.first_sample_delay_s);
         observer.estimate(frame.anchor, &estimate);
         into.action = frame.action;
+        into.framed = true;
         let ranges = into.measurements.len();
         let resolution_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         for path in &estimate.paths {
@@ -439,17 +442,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 if let Source::Virtual { slot, .. } = regression.source {
                     self.environment.remember(slot, belief.existence, belief.missed < 0.5);
                 }
-                for (measurement, &weight) in scan.measurements.iter().zip(&belief.associated) {
-                    if weight > 0.5 && measurement.sinr > 0.0 {
-                        self.channel.remember(
-                            regression.source,
-                            scan.action,
-                            &self.library,
-                            measurement,
-                            weight,
-                        );
-                    }
-                }
+                self.remember_channel(regression.source, scan, belief);
             }
             let mut expected = 0.0;
             report.anchors_heard += 1;
@@ -462,6 +455,24 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 let clutter = self.config.association.clutter_per_anchor;
                 *unexplained = larger(0.95 * *unexplained + 0.05 * expected, clutter);
             }
+        }
+    }
+
+    /// SINR of a source from what one scan showed of it.
+    fn remember_channel(&mut self, source: Source, scan: &Scan<PATHS>, belief: &Belief<PATHS>) {
+        for (measurement, &weight) in scan.measurements.iter().zip(&belief.associated) {
+            if weight > 0.5 && measurement.sinr > 0.0 {
+                self.channel.remember(source, scan.action, &self.library, measurement, weight);
+            }
+        }
+        let exists = match source {
+            Source::Direct { .. } => true,
+            Source::Virtual { slot, .. } => {
+                self.environment.get(slot).is_some_and(|record| record.existence > CONFIRMED)
+            }
+        };
+        if scan.framed && exists && belief.missed > 0.5 {
+            self.channel.remember_missed(source, scan.action, &self.library, belief.missed);
         }
     }
 

@@ -73,7 +73,10 @@ pub fn picture(room: &Room, runs: &[Run]) -> Picture {
     let track = TrackFigure {
         title: "Built-in room: true way and estimates".into(),
         truth: (0..room.cycles()).map(|cycle| room.position_m(cycle)).collect(),
-        estimates: runs.iter().map(|run| (run.name.into(), run.steps.iter().map(position).collect())).collect(),
+        estimates: runs
+            .iter()
+            .map(|run| (run.name.into(), run.steps.iter().map(position).collect()))
+            .collect(),
         anchors: first.recording.anchors.iter().map(|a| (a.name.clone(), a.position_m)).collect(),
         virtual_anchors: first
             .recording
@@ -89,25 +92,26 @@ pub fn picture(room: &Room, runs: &[Run]) -> Picture {
         walls: room.walls(),
         ellipses: Vec::new(),
     };
-    let over_cycles = |title: &str, y_label: &str, log_y: bool, value: &dyn Fn(&Run, usize) -> f64| LineFigure {
-        title: title.into(),
-        x_label: "cycle".into(),
-        y_label: y_label.into(),
-        series: runs
-            .iter()
-            .map(|run| Series {
-                label: run.name.into(),
-                points: (0..run.steps.len()).map(|n| [n as f64, value(run, n)]).collect(),
-                faint: false,
-            })
-            .collect(),
-        spans: vec![Span {
-            from: room.interfered()[0] as f64,
-            to: room.interfered()[1] as f64,
-            label: "interferer at 7 GHz".into(),
-        }],
-        log_y,
-    };
+    let over_cycles =
+        |title: &str, y_label: &str, log_y: bool, value: &dyn Fn(&Run, usize) -> f64| LineFigure {
+            title: title.into(),
+            x_label: "cycle".into(),
+            y_label: y_label.into(),
+            series: runs
+                .iter()
+                .map(|run| Series {
+                    label: run.name.into(),
+                    points: (0..run.steps.len()).map(|n| [n as f64, value(run, n)]).collect(),
+                    faint: false,
+                })
+                .collect(),
+            spans: vec![Span {
+                from: room.interfered()[0] as f64,
+                to: room.interfered()[1] as f64,
+                label: "interferer at 7 GHz".into(),
+            }],
+            log_y,
+        };
     let error = over_cycles("Position error", "error in m", true, &|run, n| run.errors_m[n].max(1e-4));
     let carrier = over_cycles("Carrier", "carrier in GHz", false, &|run, n| {
         let action = run.recording.cycles[n].frames.first().map_or(0, |frame| frame.action);

@@ -1,12 +1,12 @@
 //! The host side of cogmint: recordings, importers, the built-in room, the float reference and the plots.
 
+pub mod demo;
 pub mod import;
 pub mod input_error;
 pub mod plot;
 pub mod recording;
 pub mod replay;
-pub mod score;
-pub mod demo;
 pub mod room;
+pub mod score;
 pub mod trace;
 pub mod track;

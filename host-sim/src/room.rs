@@ -1,6 +1,7 @@
 //! The built-in room: enough of a channel to see the cycle at work without a file.
 //!
-//! A rectangular room with two anchors; image sources of first order in its four walls, flat reflection; Friis gain
+//! A rectangular room with two anchors; image sources to second order in its four walls (12 per anchor, the
+//! reference size of the core), flat reflection; Friis gain
 //! at the carrier, coherent phases; dense multipath behind every direct path; white noise; and, for part of the way,
 //! an interferer 2 GHz wide at 7 GHz that a carrier further away hears less of, as the overlap of the two spectra
 //! says. Frames are what leaves the receiver's matched filter.
@@ -99,11 +100,18 @@ impl Room {
         WAY_M[WAY_M.len() - 1]
     }
 
-    /// Images of an anchor in the four walls.
-    fn images_m(anchor: usize) -> [[f64; 2]; 4] {
-        let [x, y] = ANCHORS_M[anchor];
-        let [w, d] = ROOM_M;
-        [[-x, y], [2.0 * w - x, y], [x, -y], [x, 2.0 * d - y]]
+    /// Images of an anchor in the four walls to second order, with their number of reflections. A rectangle tiles
+    /// the plane with mirrored copies of itself, and every image is seen from everywhere.
+    fn images_m(anchor: usize) -> Vec<([f64; 2], i32)> {
+        let coordinate = |tile: i32, axis: usize| {
+            let (size, inside) = (ROOM_M[axis], ANCHORS_M[anchor][axis]);
+            f64::from(tile) * size + if tile % 2 == 0 { inside } else { size - inside }
+        };
+        let tiles = (-2..=2).flat_map(|i: i32| (-2..=2).map(move |j: i32| (i, j, i.abs() + j.abs())));
+        tiles
+            .filter(|(_, _, order)| (1..=2).contains(order))
+            .map(|(i, j, order)| ([coordinate(i, 0), coordinate(j, 1)], order))
+            .collect()
     }
 
     /// The recording of this room without any cycle: what a tracker knows before it starts. The floor plan is off by
@@ -111,7 +119,7 @@ impl Room {
     pub fn before(&self) -> Recording {
         let mut rng = self.rng(usize::MAX, 0);
         let virtual_anchors = (0..ANCHORS_M.len())
-            .flat_map(|anchor| Self::images_m(anchor).map(|image| (anchor, image)))
+            .flat_map(|anchor| Self::images_m(anchor).into_iter().map(move |(image, _)| (anchor, image)))
             .map(|(anchor, [x, y])| {
                 let [ex, ey] = complex_normal(&mut rng).map(|e| e * std::f64::consts::SQRT_2 * PLAN_STD_M);
                 recording::VirtualAnchor {
@@ -137,7 +145,7 @@ impl Room {
                 disc_radius_m: Some(0.5),
             },
             association: recording::AssociationModel {
-                detection_probability: 0.9,
+                detection_probability: 0.8,
                 clutter_per_anchor: 0.1,
                 max_range_m: 30.0,
             },
@@ -190,11 +198,12 @@ impl Room {
     /// Samples in units of the white noise's standard deviation.
     fn samples(&self, cycle: usize, anchor: usize, action: usize) -> Vec<[f32; 2]> {
         let mut rng = self.rng(cycle, anchor);
-        let carrier_hz = self.library.get(action).map_or(INTERFERER_HZ, |action| f64::from(action.carrier_hz));
+        let carrier_hz =
+            self.library.get(action).map_or(INTERFERER_HZ, |action| f64::from(action.carrier_hz));
         let pulse = Pulse { duration_s: PULSE_DURATION_S as f32, roll_off: ROLL_OFF as f32 };
         let [x, y] = self.position_m(cycle);
         let sources = std::iter::once((ANCHORS_M[anchor], 1.0))
-            .chain(Self::images_m(anchor).map(|image| (image, REFLECTION)));
+            .chain(Self::images_m(anchor).into_iter().map(|(image, order)| (image, REFLECTION.powi(order))));
         // Amplitude of a path of 1 m at this carrier.
         let gain = SNR_AT_1_M.sqrt() * (INTERFERER_HZ / carrier_hz);
         let mut samples = self.noise(cycle, action, &mut rng);
@@ -298,6 +307,22 @@ mod tests {
     }
 
     #[test]
+    fn an_image_in_the_west_wall_is_as_far_from_the_wall_as_its_anchor() {
+        let images = Room::images_m(0);
+        assert_eq!(images.len(), 12);
+        let [x, y] = ANCHORS_M[0];
+        let [w, d] = ROOM_M;
+        for (expected, order) in
+            [([-x, y], 1), ([2.0 * w - x, y], 1), ([-x, -y], 2), ([x, y + 2.0 * d], 2), ([x - 2.0 * w, y], 2)]
+        {
+            let near = |([u, v], o): &([f64; 2], i32)| {
+                (u - expected[0]).hypot(v - expected[1]) < 1e-9 && *o == order
+            };
+            assert!(images.iter().any(near), "{expected:?}");
+        }
+    }
+
+    #[test]
     fn the_tag_moves_one_centimetre_per_cycle() {
         let room = Room::new(1, 1000);
         for cycle in 0..1000 {
@@ -313,7 +338,8 @@ mod tests {
             let mut sum = 0.0;
             for draw in 0..40 {
                 let noise = room.noise(cycle, action, &mut room.rng(draw, 0));
-                sum += noise.iter().map(|[re, im]| re * re + im * im).sum::<f64>() / noise.len() as f64 / 40.0;
+                sum +=
+                    noise.iter().map(|[re, im]| re * re + im * im).sum::<f64>() / noise.len() as f64 / 40.0;
             }
             sum
         };

@@ -68,7 +68,8 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
     }
     for input in inputs(recording) {
         feed.cycle(&input).ok_or_else(|| {
-            InputError::new(file, "holds magnitudes, the firmware takes complex samples only").for_item("frame_magnitude")
+            InputError::new(file, "holds magnitudes, the firmware takes complex samples only")
+                .for_item("frame_magnitude")
         })?;
     }
     Ok(feed.bytes)

@@ -4,12 +4,16 @@
 //! the overlap rho of the two pulses' spectra. Per source and action it keeps a sample count n and the first two
 //! moments of the distance-compensated energy e = |alpha|^2 d^2, all with a window of 40 and slow ageing. The
 //! method of moments (the estimator of the Ricean K factor) gives SINR = A / (m1 - A), A = sqrt(m1^2 - var).
-//! While samples are few, the logarithmic mean of the channel estimator's own SINR stands in for it.
+//! While samples are few, the logarithmic mean of the channel estimator's own SINR stands in for it; and it
+//! bounds the moments from above, because it follows a sudden interferer within a few samples.
+//!
+//! A source that should have been seen and was not counts as a sample without energy: otherwise the memory of a
+//! jammed carrier would keep its good days for ever.
 
 use crate::controller::library::Library;
 use crate::perceptor::association::Measurement;
 use crate::perceptor::state_filter::Source;
-use crate::real::{exp, larger, limited, ln, sqrt};
+use crate::real::{exp, larger, limited, ln, smaller, sqrt};
 
 /// Window of the moments, samples.
 const WINDOW: f32 = 40.0;
@@ -19,6 +23,10 @@ const AGEING: f32 = 0.999;
 const INSTANT_FORGETTING: f32 = 0.2;
 /// Samples from which the moments are fully trusted.
 const TRUSTED: f32 = 8.0;
+/// The moments are believed up to this multiple of the instant estimate.
+const OPTIMISM: f32 = 2.0;
+/// SINR taken for a source that was missed.
+const MISSED_SINR: f32 = 0.5;
 /// Energies enter relative to a reference of the same order, so that their squares stay within f32.
 const REFERENCE_FLOOR: f32 = 1e-30;
 
@@ -100,13 +108,40 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         path: &Measurement,
         weight: f32,
     ) {
-        let Some(row) = self.row_mut(source) else { return };
         let compensated = path.energy * (path.range_m * path.range_m);
+        self.enter(source, action, library, compensated, path.sinr, weight);
+    }
+
+    /// Enters that `source` was expected in a frame received with `action` and, with probability `weight`, missed.
+    pub fn remember_missed(
+        &mut self,
+        source: Source,
+        action: usize,
+        library: &Library<ACTIONS>,
+        weight: f32,
+    ) {
+        self.enter(source, action, library, 0.0, MISSED_SINR, weight);
+    }
+
+    fn enter(
+        &mut self,
+        source: Source,
+        action: usize,
+        library: &Library<ACTIONS>,
+        compensated: f32,
+        sinr: f32,
+        weight: f32,
+    ) {
+        let Some(row) = self.row_mut(source) else { return };
         if row.reference == 0.0 {
+            if compensated == 0.0 {
+                // Never seen yet: nothing to compare a miss to.
+                return;
+            }
             row.reference = larger(compensated, REFERENCE_FLOOR);
         }
         let relative = limited(compensated / row.reference, 0.0, 1e6);
-        let sinr_ln = ln(larger(path.sinr, 1e-3));
+        let sinr_ln = ln(larger(sinr, 1e-3));
         for (other, moments) in row.moments.iter_mut().enumerate().take(library.len()) {
             let overlap = library.overlap(action, other);
             let squared = overlap * overlap;
@@ -137,16 +172,17 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         if moments.count < 1e-3 {
             return self.prior_sinr;
         }
-        let trust = limited(moments.count / TRUSTED, 0.0, 1.0);
-        let by_moments = sinr_by_moments(moments);
-        if trust >= 1.0 {
-            return by_moments;
-        }
         // Few samples have no variance to speak of: the estimator's own SINR, itself blended in as it comes.
         let seen = limited(moments.count, 0.0, 1.0);
         let prior_ln = ln(self.prior_sinr);
         let instant_ln = prior_ln + seen * (moments.instant_ln - prior_ln);
-        exp(instant_ln + trust * (ln(by_moments) - instant_ln))
+        let ceiling = OPTIMISM * exp(instant_ln);
+        let trust = limited(moments.count / TRUSTED, 0.0, 1.0);
+        let by_moments = sinr_by_moments(moments);
+        if trust >= 1.0 {
+            return smaller(by_moments, ceiling);
+        }
+        smaller(exp(instant_ln + trust * (ln(by_moments) - instant_ln)), ceiling)
     }
 
     /// Every number of the state, in a fixed order, for traces.

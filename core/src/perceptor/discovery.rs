@@ -3,6 +3,8 @@
 //! A range alone puts a virtual anchor on a circle around the tag. A candidate therefore starts as a ring of
 //! Gaussian hypotheses in polar coordinates around the place it was first heard at, where that first range is
 //! linear and later ones nearly so (a Cartesian Gaussian would cut the circle's corners and grow overconfident).
+//! The direction is a unit vector; an angle a away from it is the parameter t = 2 tan(a / 2), which needs no
+//! trigonometric function: cos a = (4 - t^2) / (4 + t^2), sin a = 4 t / (4 + t^2).
 //! Every later range updates each hypothesis by a five-point regression and weighs it by its likelihood. Motion
 //! along a line leaves two mirror images, a turn leaves one; a candidate is resolved when one hypothesis holds
 //! nearly all weight and is small. Bounded: [`CANDIDATES`] per anchor, [`HYPOTHESES`] each.
@@ -14,7 +16,7 @@
 //! [`StateFilter::insert_relative`]: super::state_filter::StateFilter::insert_relative
 
 use super::association::Measurement;
-use crate::real::{TAU, cos, exp, larger, sin, smaller, sqrt};
+use crate::real::{exp, larger, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
@@ -23,6 +25,9 @@ pub const CANDIDATES: usize = 8;
 /// Hypotheses per candidate.
 pub const HYPOTHESES: usize = 16;
 
+/// Direction of a ring's first hypothesis, at pi / 16, and the rotation to each next one, pi / 8: 16 in all.
+const FIRST_DIRECTION: [f32; 2] = [0.980_785_25, 0.195_090_32];
+const NEXT_DIRECTION: [f32; 2] = [0.923_879_5, 0.382_683_43];
 /// Gate, standard deviations.
 const GATE: f32 = 3.0;
 /// Share of the tag's position variance that counts as independent between scans.
@@ -49,11 +54,11 @@ const RESOLVED_INFLATION: f32 = 3.0;
 /// One place where the virtual anchor may be, seen from the candidate's origin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hypothesis {
-    /// Direction, radians.
-    pub angle: f32,
+    /// Direction, a unit vector.
+    pub direction: [f32; 2],
     /// Horizontal distance, metres.
     pub radius_m: f32,
-    /// Covariance: angle-angle, radius-angle, radius-radius.
+    /// Covariance: angle-angle, radius-angle, radius-radius (angles as 2 tan(a / 2)).
     pub covariance: [f32; 3],
     pub weight: f32,
 }
@@ -196,7 +201,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
             f(f32::from(candidate.misses));
             candidate.origin_m.iter().for_each(|v| f(*v));
             for hypothesis in &candidate.hypotheses {
-                f(hypothesis.angle);
+                hypothesis.direction.iter().for_each(|v| f(*v));
                 f(hypothesis.radius_m);
                 hypothesis.covariance.iter().for_each(|v| f(*v));
                 f(hypothesis.weight);
@@ -215,15 +220,17 @@ impl Candidate {
         let stretch = slant / radius_m;
         let half_angle = core::f32::consts::PI / HYPOTHESES as f32;
         let mut hypotheses = Vec::new();
-        for i in 0..HYPOTHESES {
+        let mut direction = FIRST_DIRECTION;
+        for _ in 0..HYPOTHESES {
             let hypothesis = Hypothesis {
-                angle: (2.0 * i as f32 + 1.0) * half_angle,
+                direction,
                 radius_m,
                 covariance: [half_angle * half_angle, 0.0, measurement.variance_m2 * (stretch * stretch)],
                 weight: 1.0 / HYPOTHESES as f32,
             };
             // The loop runs to the capacity: every push succeeds.
             let _ = hypotheses.push(hypothesis);
+            direction = turned(direction, NEXT_DIRECTION);
         }
         Self { origin_m: viewpoint.position_m, hypotheses, hits: 1, age: 1, misses: 0 }
     }
@@ -252,8 +259,9 @@ impl Candidate {
         let tag = self.heaviest().map_or(0.0, |heaviest| {
             // Unit vector from the hypothesis to the tag, horizontally.
             let [ox, oy] = offset;
-            let dx = -ox - heaviest.radius_m * cos(heaviest.angle);
-            let dy = -oy - heaviest.radius_m * sin(heaviest.angle);
+            let [ux, uy] = heaviest.direction;
+            let dx = -ox - heaviest.radius_m * ux;
+            let dy = -oy - heaviest.radius_m * uy;
             let length2 = larger(dx * dx + dy * dy, 1e-6);
             let c = &viewpoint.covariance_m2;
             (dx * dx * c.m11 + 2.0 * (dx * dy) * c.m21 + dy * dy * c.m22) / length2
@@ -302,9 +310,9 @@ impl Candidate {
         let mut merged: Vec<Hypothesis, HYPOTHESES> = Vec::new();
         for hypothesis in &self.hypotheses {
             if let Some(last) = merged.last_mut()
-                && last.is_close(hypothesis, 0.0)
+                && last.is_close(hypothesis)
             {
-                last.absorb(hypothesis, 0.0);
+                last.absorb(hypothesis);
                 continue;
             }
             // Capacities are equal: every push succeeds.
@@ -313,9 +321,9 @@ impl Candidate {
         if merged.len() > 1
             && let Some(first) = merged.first().copied()
             && let Some(last) = merged.last_mut()
-            && last.is_close(&first, TAU)
+            && last.is_close(&first)
         {
-            last.absorb(&first, TAU);
+            last.absorb(&first);
             let mut is_first = true;
             merged.retain(|_| !core::mem::take(&mut is_first));
         }
@@ -346,7 +354,7 @@ impl Candidate {
         {
             return None;
         }
-        let (ux, uy) = (cos(heaviest.angle), sin(heaviest.angle));
+        let [ux, uy] = heaviest.direction;
         let across = ra * radius;
         let scale = RESOLVED_INFLATION;
         // C = rr u u' + across (u t' + t u') + across2 t t', t = (-uy, ux).
@@ -371,15 +379,16 @@ impl Hypothesis {
         let l22 = sqrt(larger(rr - l21 * l21, 1e-12));
         let root3 = 1.732_050_8;
         let height2 = height_m * height_m;
-        let range = |(ux, uy): (f32, f32), radius: f32| {
+        let range = |[ux, uy]: [f32; 2], radius: f32| {
             let (dx, dy) = (ox + radius * ux, oy + radius * uy);
             sqrt(dx * dx + dy * dy + height2)
         };
-        let direction = |angle: f32| (cos(angle), sin(angle));
-        let here = direction(self.angle);
+        let here = self.direction;
+        let turn = rotation(root3 * l11);
+        let [c, s] = turn;
         let centre = range(here, self.radius_m);
-        let a1 = range(direction(self.angle + root3 * l11), self.radius_m + root3 * l21) - centre;
-        let b1 = range(direction(self.angle - root3 * l11), self.radius_m - root3 * l21) - centre;
+        let a1 = range(turned(here, turn), self.radius_m + root3 * l21) - centre;
+        let b1 = range(turned(here, [c, -s]), self.radius_m - root3 * l21) - centre;
         let a2 = range(here, self.radius_m + root3 * l22) - centre;
         let b2 = range(here, self.radius_m - root3 * l22) - centre;
         let mean = (a1 + b1 + a2 + b2) * (1.0 / 6.0);
@@ -405,15 +414,28 @@ impl Hypothesis {
         // As in the state filter, no update shrinks a variance by more than 2^-10 at once.
         let variance = larger(variance, line.explained_m2 * (1.0 + 1.0 / 1024.0));
         let (ka, kr) = (wa / variance, wr / variance);
-        self.angle += ka * innovation;
+        self.turn(ka * innovation);
         self.radius_m += kr * innovation;
         self.covariance = [larger(aa - ka * wa, 1e-14), ra - kr * wa, larger(rr - kr * wr, 1e-12)];
     }
 
-    /// Squared Mahalanobis distance under the sum of both covariances, against the merging distance; `turn` is
-    /// added to the other's angle.
-    fn is_close(&self, other: &Hypothesis, turn: f32) -> bool {
-        let da = other.angle + turn - self.angle;
+    /// Turns by an angle parameter, and restores the direction's length.
+    fn turn(&mut self, parameter: f32) {
+        let [x, y] = turned(self.direction, rotation(parameter));
+        let length = sqrt(x * x + y * y);
+        self.direction = [x / length, y / length];
+    }
+
+    /// Parameter of the angle from this hypothesis to another.
+    fn angle_to(&self, other: &Hypothesis) -> f32 {
+        let ([x, y], [u, v]) = (self.direction, other.direction);
+        let (dot, cross) = (x * u + y * v, x * v - y * u);
+        2.0 * cross / larger(1.0 + dot, 1e-3)
+    }
+
+    /// Squared Mahalanobis distance under the sum of both covariances, against the merging distance.
+    fn is_close(&self, other: &Hypothesis) -> bool {
+        let da = self.angle_to(other);
         let dr = other.radius_m - self.radius_m;
         let [saa, sra, srr] = self.covariance;
         let [oaa, ora, orr] = other.covariance;
@@ -423,13 +445,13 @@ impl Hypothesis {
         form < MERGE_DISTANCE2 * determinant
     }
 
-    /// Moment-matched union of two hypotheses; `turn` is added to the other's angle.
-    fn absorb(&mut self, other: &Hypothesis, turn: f32) {
+    /// Moment-matched union of two hypotheses.
+    fn absorb(&mut self, other: &Hypothesis) {
         let weight = self.weight + other.weight;
         let (a, b) = (self.weight / weight, other.weight / weight);
-        let da = other.angle + turn - self.angle;
+        let da = self.angle_to(other);
         let dr = other.radius_m - self.radius_m;
-        self.angle += b * da;
+        self.turn(b * da);
         self.radius_m += b * dr;
         let [saa, sra, srr] = self.covariance;
         let [oaa, ora, orr] = other.covariance;
@@ -441,6 +463,18 @@ impl Hypothesis {
         ];
         self.weight = weight;
     }
+}
+
+/// Cosine and sine of the angle whose parameter 2 tan(a / 2) is given.
+fn rotation(parameter: f32) -> [f32; 2] {
+    let square = parameter * parameter;
+    let scale = 1.0 / (4.0 + square);
+    [(4.0 - square) * scale, 4.0 * parameter * scale]
+}
+
+/// A direction turned by a rotation (cosine, sine).
+fn turned([x, y]: [f32; 2], [c, s]: [f32; 2]) -> [f32; 2] {
+    [x * c - y * s, x * s + y * c]
 }
 
 #[cfg(test)]

@@ -49,10 +49,11 @@ pub enum Source {
 
 pub fn run(source: &Source) -> Result<(), Failure> {
     match source {
-        Source::BpSlam { anchors, truth, ranges, out } => write(&import::bp_slam(anchors, truth, ranges)?, out),
+        Source::BpSlam { anchors, truth, ranges, out } => {
+            write(&import::bp_slam(anchors, truth, ranges)?, out)
+        }
         Source::Miluv { file, out, without_heights, pulse_peak_samples } => {
-            let options =
-                MiluvOptions { heights: !without_heights, pulse_peak_samples: *pulse_peak_samples };
+            let options = MiluvOptions { heights: !without_heights, pulse_peak_samples: *pulse_peak_samples };
             let imported = import::miluv(file, options)?;
             for note in &imported.notes {
                 print(note);

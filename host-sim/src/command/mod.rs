@@ -20,8 +20,11 @@ const OUTPUT_FOLDER: &str = "cogmint-out";
 
 /// A progress bar on the terminal; silent where there is none.
 fn progress(length: usize, what: &str) -> ProgressBar {
-    let target =
-        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let target = if std::io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    };
     let bar = ProgressBar::with_draw_target(Some(length as u64), target);
     if let Ok(style) = ProgressStyle::with_template("{msg:12} [{bar:40}] {pos}/{len} cycles, {eta} left") {
         bar.set_style(style.progress_chars("=> "));
@@ -50,7 +53,11 @@ fn write_picture(picture: &Picture, to: &Path) -> Result<[PathBuf; 2], Failure> 
 }
 
 /// The recording of a folder, or of the built-in room where none is given, with the name to speak of it.
-fn recording_or_room(folder: Option<&Path>, seed: u64, cycles: usize) -> Result<(Recording, PathBuf), Failure> {
+fn recording_or_room(
+    folder: Option<&Path>,
+    seed: u64,
+    cycles: usize,
+) -> Result<(Recording, PathBuf), Failure> {
     match folder {
         Some(folder) => Ok((Recording::read(folder)?, folder.to_owned())),
         None => {

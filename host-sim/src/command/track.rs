@@ -41,7 +41,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let bar = progress(recording.cycles.len(), "tracking");
     let run = track(&recording, folder, options.seed, || bar.inc(1))?;
     bar.finish_and_clear();
-    let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
+    let name =
+        folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
     let to = options.plot.clone().unwrap_or_else(|| Path::new(OUTPUT_FOLDER).join(format!("{name}-track")));
     let figure = write_picture(&run.picture(&recording), &to)?;
     let score = &run.score;

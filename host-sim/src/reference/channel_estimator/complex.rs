@@ -1,0 +1,340 @@
+//! Paths of a complex frame, by sparse Bayesian learning.
+//!
+//! Each path k has a delay tau_k and a prior variance g_k relative to the noise level there. With G the pulse's
+//! autocorrelation between delays, Sigma = (G + diag(1/g))^-1 is the posterior covariance of the amplitudes (over the
+//! noise level) and alpha = Sigma y(tau) their mean. A new path at t gains |q|^2 / s in likelihood, with
+//! s = 1 - r' Sigma r, r_k = R(t - tau_k), and q the residual at t over the root of the noise level; its best prior
+//! variance is (|q|^2 - s) / s^2 (Tipping and Faul). Paths whose gain falls below kappa go.
+//!
+//! A round: fit the noise to the residual, settle, add the best new path, then twice move all delays and settle.
+//!
+//! This twin keeps buffers of the residual; the core recomputes it where needed.
+
+use super::linear_algebra::inverse;
+use super::noise::{NoiseLevel, profiles, trimmed_mean, white_level};
+use super::{ChannelEstimate, ChannelEstimator, parabola_vertex, power};
+use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
+use crate::reference::{Matrix, zeros};
+
+/// SINR above which the surroundings of a path are left out of the dense multipath's fit,
+const STRONG: f32 = 316.0;
+/// this many pulse durations to either side.
+const SKIP_PULSES: f32 = 1.5;
+/// Pulse durations within which two paths are one.
+const MERGE_PULSES: f32 = 0.3;
+/// Least s: below, a path is explained by the others.
+const SMALLEST_S: f32 = 0.02;
+
+/// A path in the making.
+#[derive(Clone, Copy, Debug)]
+struct Component<T> {
+    /// tau, samples into the frame.
+    position: T,
+    /// g.
+    prior: T,
+    /// Noise level at tau.
+    level: T,
+    /// y(tau).
+    matched: [T; 2],
+    /// alpha.
+    amplitude: [T; 2],
+    /// |q|^2 / s, as if this component were added last.
+    gain: T,
+}
+
+struct Fit<'a, T> {
+    estimator: &'a ChannelEstimator<T>,
+    samples: &'a [[T; 2]],
+    components: Vec<Component<T>>,
+    noise: NoiseLevel<T>,
+    /// Sigma.
+    posterior: Matrix<T>,
+}
+
+pub(super) fn estimate<T: Real>(
+    estimator: &ChannelEstimator<T>,
+    samples: &[[T; 2]],
+    first_sample_delay_s: T,
+) -> ChannelEstimate<T> {
+    let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
+    let noise = NoiseLevel::white(white_level(&powers));
+    let mut fit = Fit { estimator, samples, components: Vec::new(), noise, posterior: Vec::new() };
+    for round in 0..estimator.most_paths + 4 {
+        if round > 0 {
+            // The first fit beside a path starts from nothing, so it is iterated.
+            let times = if round == 1 { 2 } else { 1 };
+            for _ in 0..times {
+                fit.fit_noise();
+            }
+            fit.settle();
+        }
+        if !fit.add_strongest() {
+            break;
+        }
+        for _ in 0..2 {
+            fit.move_delays();
+            fit.settle();
+        }
+    }
+    fit.finish(first_sample_delay_s)
+}
+
+impl<T: Real> Fit<'_, T> {
+    /// A value at `position` less all components but one. Order: component by component.
+    fn subtract(&self, value: [T; 2], position: T, except: Option<usize>) -> [T; 2] {
+        let table = &self.estimator.table;
+        let mut rest = value;
+        for j in 0..self.components.len() {
+            let component = &self.components[j];
+            let lag = position - component.position;
+            if Some(j) != except && abs(lag) < table.support_samples() {
+                let r = table.at(lag);
+                rest[0] -= component.amplitude[0] * r;
+                rest[1] -= component.amplitude[1] * r;
+            }
+        }
+        rest
+    }
+
+    /// Powers of the residual at all samples.
+    fn residual_powers(&self) -> Vec<T> {
+        let mut powers = Vec::new();
+        for n in 0..self.samples.len() {
+            powers.push(power(self.subtract(self.samples[n], T::of_count(n), None)));
+        }
+        powers
+    }
+
+    /// Fits the noise: N0 by the trimmed mean of the residual's powers; D by least squares over the profile, with the
+    /// inverse square of the present level as weight.
+    fn fit_noise(&mut self) {
+        let num = T::of;
+        let spacing = self.estimator.sample_spacing_s;
+        let skip = num(SKIP_PULSES) * self.estimator.table.samples_per_pulse();
+        let mut onset = num(f32::INFINITY);
+        for component in &self.components {
+            onset = smaller(component.position, onset);
+        }
+        let residual = self.residual_powers();
+        let profile = profiles(self.samples.len(), onset, spacing);
+        let old = self.noise;
+        let mut excess = T::ZERO;
+        let mut norm = T::ZERO;
+        for n in 0..residual.len() {
+            let near_strong = self.components.iter().any(|component| {
+                component.gain > num(STRONG) && abs(T::of_count(n) - component.position) < skip
+            });
+            if profile[n] <= T::ZERO || near_strong {
+                continue;
+            }
+            let level = old.white + old.dense * profile[n];
+            let weight = profile[n] / square(level);
+            excess += weight * (residual[n] - old.white);
+            norm += weight * profile[n];
+        }
+        let white = larger(trimmed_mean(&residual, old.white), num(1e-6) * old.white);
+        let dense = if norm > T::ZERO { larger(excess / norm, T::ZERO) } else { T::ZERO };
+        self.noise = NoiseLevel { white, dense, onset_samples: onset };
+        for component in &mut self.components {
+            component.level = self.noise.at(component.position, spacing);
+        }
+    }
+
+    /// s(t) = 1 - r' Sigma r. Order: (r_k Sigma_kl) r_l, over the components whose pulses reach t.
+    fn uncertainty(&self, position: T) -> T {
+        let table = &self.estimator.table;
+        let lags: Vec<T> = self.components.iter().map(|component| position - component.position).collect();
+        let reached = |k: usize| abs(lags[k]) < table.support_samples();
+        let mut form = T::ZERO;
+        for k in 0..lags.len() {
+            for l in 0..lags.len() {
+                if reached(k) && reached(l) {
+                    form += table.at(lags[k]) * self.posterior[k][l] * table.at(lags[l]);
+                }
+            }
+        }
+        T::ONE - form
+    }
+
+    /// Adds the path of largest gain; false if none exceeds kappa or there is no room.
+    fn add_strongest(&mut self) -> bool {
+        let num = T::of;
+        let spacing = self.estimator.sample_spacing_s;
+        let residual = self.residual_powers();
+        let profile = profiles(self.samples.len(), self.noise.onset_samples, spacing);
+        let mut gains = Vec::new();
+        for n in 0..residual.len() {
+            let mut level = self.noise.white;
+            if self.noise.dense > T::ZERO {
+                level += self.noise.dense * profile[n];
+            }
+            let s = self.uncertainty(T::of_count(n));
+            gains.push(if s < num(SMALLEST_S) { T::ZERO } else { residual[n] / level / s });
+        }
+        // Order: the first of equals, and none that is zero.
+        let mut best: Option<usize> = None;
+        for n in 0..gains.len() {
+            if gains[n] > best.map_or(T::ZERO, |best| gains[best]) {
+                best = Some(n);
+            }
+        }
+        let Some(n) = best else { return false };
+        let gain = gains[n];
+        if gain <= self.estimator.threshold {
+            return false;
+        }
+        let left = if n > 0 { gains[n - 1] } else { T::ZERO };
+        let right = if n + 1 < gains.len() { gains[n + 1] } else { T::ZERO };
+        let position = T::of_count(n) + parabola_vertex(left, gain, right);
+
+        let s = larger(self.uncertainty(position), num(SMALLEST_S));
+        let level = self.noise.at(position, spacing);
+        let matched = self.estimator.interpolation.at(self.samples, position);
+        let amplitude = self.subtract(matched, position, None);
+        let q2 = power(amplitude) / level;
+        let prior = larger((q2 - s) / square(s), T::ONE);
+        if self.components.len() == self.estimator.most_paths {
+            return false;
+        }
+        self.components.push(Component { position, prior, level, matched, amplitude, gain });
+        true
+    }
+
+    /// The matched filter at a position without all components but `k`.
+    fn without_others(&self, k: usize, position: T) -> [T; 2] {
+        let matched = self.estimator.interpolation.at(self.samples, position);
+        self.subtract(matched, position, Some(k))
+    }
+
+    /// Moves each delay, twice, to the vertex of the parabola through the energies a quarter sample around it, if that
+    /// gains.
+    fn move_delays(&mut self) {
+        let num = T::of;
+        let step = num(0.25);
+        let limit = num(0.2) * self.estimator.table.samples_per_pulse();
+        for k in 0..self.components.len() {
+            for _ in 0..2 {
+                let present = self.components[k].position;
+                let here = power(self.without_others(k, present));
+                let left = power(self.without_others(k, present - step));
+                let right = power(self.without_others(k, present + step));
+                let curvature = left - num(2.0) * here + right;
+                let shift = if curvature < T::ZERO {
+                    // Order: ((step 0.5) difference) / curvature.
+                    step * num(0.5) * (left - right) / curvature
+                } else if left > right {
+                    -step
+                } else {
+                    step
+                };
+                let position = present + smaller(larger(shift, -limit), limit);
+                let moved = self.without_others(k, position);
+                if power(moved) <= here {
+                    break;
+                }
+                let component = &mut self.components[k];
+                component.position = position;
+                component.matched = self.estimator.interpolation.at(self.samples, position);
+                component.level = self.noise.at(position, self.estimator.sample_spacing_s);
+                component.amplitude = moved;
+            }
+        }
+    }
+
+    /// Posterior, gains and priors in turn, until no component has to go.
+    fn settle(&mut self) {
+        for _ in 0..=self.estimator.most_paths {
+            self.solve();
+            self.reestimate();
+            let Some(drop) = self.to_drop() else { break };
+            self.components.remove(drop);
+        }
+        self.solve();
+    }
+
+    /// G + a diagonal.
+    fn gram(&self, diagonal: impl Fn(&Component<T>) -> T) -> Matrix<T> {
+        let size = self.components.len();
+        let mut gram = zeros(size, size);
+        for k in 0..size {
+            for l in 0..k {
+                let lag = self.components[k].position - self.components[l].position;
+                gram[k][l] = self.estimator.table.at(lag);
+                gram[l][k] = gram[k][l];
+            }
+            gram[k][k] = T::ONE + diagonal(&self.components[k]);
+        }
+        gram
+    }
+
+    /// Sigma, and alpha_k = sqrt(lambda_k) sum over l of Sigma_kl y(tau_l) / sqrt(lambda_l).
+    fn solve(&mut self) {
+        self.posterior = inverse(&self.gram(|component| T::ONE / component.prior));
+        for k in 0..self.components.len() {
+            let mut mean = [T::ZERO; 2];
+            for l in 0..self.components.len() {
+                let other = &self.components[l];
+                let scale = self.posterior[k][l] / sqrt(other.level);
+                mean[0] += scale * other.matched[0];
+                mean[1] += scale * other.matched[1];
+            }
+            let unit = sqrt(self.components[k].level);
+            self.components[k].amplitude = [mean[0] * unit, mean[1] * unit];
+        }
+    }
+
+    /// Gains and priors: s = 1 / Sigma_kk - 1 / g, q = alpha / (sqrt(lambda) Sigma_kk).
+    fn reestimate(&mut self) {
+        let num = T::of;
+        for k in 0..self.components.len() {
+            let sigma = larger(self.posterior[k][k], num(1e-9));
+            let component = &mut self.components[k];
+            let s = larger(T::ONE / sigma - T::ONE / component.prior, num(SMALLEST_S));
+            let q2 = power(component.amplitude) / (component.level * square(sigma));
+            component.gain = q2 / s;
+            component.prior = larger((q2 - s) / square(s), num(1e-3));
+        }
+    }
+
+    /// The weakest component below kappa; else the weaker of two that ran together.
+    fn to_drop(&self) -> Option<usize> {
+        let mut weakest: Option<usize> = None;
+        for k in 0..self.components.len() {
+            let gain = self.components[k].gain;
+            let weaker = weakest.is_none_or(|weakest| gain < self.components[weakest].gain);
+            if gain < self.estimator.threshold && weaker {
+                weakest = Some(k);
+            }
+        }
+        if weakest.is_some() {
+            return weakest;
+        }
+        let merge = T::of(MERGE_PULSES) * self.estimator.table.samples_per_pulse();
+        for k in 0..self.components.len() {
+            for l in 0..k {
+                let (a, b) = (&self.components[k], &self.components[l]);
+                if abs(a.position - b.position) < merge {
+                    return Some(if a.gain < b.gain { k } else { l });
+                }
+            }
+        }
+        None
+    }
+
+    /// The paths, with amplitudes by least squares (no prior).
+    fn finish(self, first_sample_delay_s: T) -> ChannelEstimate<T> {
+        let inverse = inverse(&self.gram(|_| T::of(1e-5)));
+        let mut paths = Vec::new();
+        for k in 0..self.components.len() {
+            let mut amplitude = [T::ZERO; 2];
+            for l in 0..self.components.len() {
+                amplitude[0] += inverse[k][l] * self.components[l].matched[0];
+                amplitude[1] += inverse[k][l] * self.components[l].matched[1];
+            }
+            let component = &self.components[k];
+            let sinr = larger(component.gain - T::ONE, T::of(1e-3));
+            paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
+        }
+        ChannelEstimate { paths, noise: self.noise }
+    }
+}

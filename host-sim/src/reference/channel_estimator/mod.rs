@@ -1,0 +1,118 @@
+//! Channel estimator: a frame's paths.
+//!
+//! Behind the matched filter, y(t) = sum over k of alpha_k R(t - tau_k) + noise of level lambda(t). Complex frames go
+//! through sparse Bayesian learning ([`complex`]), magnitudes through a search for peaks ([`magnitude`]). Both keep
+//! what exceeds kappa, set by the rate of false paths mu: kappa = ln((2 B sqrt(pi kappa) + 1) / mu), with B the product
+//! of rms bandwidth and window.
+
+mod complex;
+mod interpolation;
+mod linear_algebra;
+mod magnitude;
+mod noise;
+
+use super::pulse::{Pulse, PulseTable};
+use super::real::{Real, larger, ln, pi, speed_of_light, sqrt, square};
+use cogmint_core::observation::Samples;
+use interpolation::Interpolation;
+
+pub use noise::NoiseLevel;
+
+/// One path.
+#[derive(Clone, Copy, Debug)]
+pub struct Path<T> {
+    /// Propagation delay, seconds.
+    pub delay_s: T,
+    /// Amplitude: real and imaginary part.
+    pub amplitude: [T; 2],
+    /// Component SINR (linear).
+    pub sinr: T,
+    /// Variance of the delay, square seconds.
+    pub delay_variance_s2: T,
+}
+
+/// The paths of a frame, in order of discovery, and its noise.
+#[derive(Clone, Debug)]
+pub struct ChannelEstimate<T> {
+    /// The paths.
+    pub paths: Vec<Path<T>>,
+    /// White noise and dense multipath.
+    pub noise: NoiseLevel<T>,
+}
+
+/// An estimator for one pulse and sample spacing.
+#[derive(Clone, Debug)]
+pub struct ChannelEstimator<T> {
+    pulse: Pulse<T>,
+    table: PulseTable<T>,
+    interpolation: Interpolation<T>,
+    sample_spacing_s: T,
+    /// kappa.
+    threshold: T,
+    /// Most paths reported.
+    most_paths: usize,
+}
+
+impl<T: Real> ChannelEstimator<T> {
+    /// An estimator for frames of `samples` samples that finds `false_paths` paths per frame of noise.
+    pub fn new(
+        pulse: Pulse<T>,
+        sample_spacing_s: T,
+        samples: usize,
+        false_paths: T,
+        most_paths: usize,
+    ) -> Self {
+        let num = T::of;
+        let window_s = T::of_count(samples) * sample_spacing_s;
+        let bandwidth_window = pulse.rms_bandwidth_hz() * window_s;
+        let mut threshold = num(6.0);
+        for _ in 0..20 {
+            let crossings = num(2.0) * bandwidth_window * sqrt(pi::<T>() * threshold) + T::ONE;
+            threshold = larger(ln(crossings / false_paths), T::ONE);
+        }
+        Self {
+            pulse,
+            table: PulseTable::new(&pulse, sample_spacing_s),
+            interpolation: Interpolation::new(),
+            sample_spacing_s,
+            threshold,
+            most_paths,
+        }
+    }
+
+    /// Estimates a frame's paths.
+    pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: T) -> ChannelEstimate<T> {
+        match samples {
+            Samples::Complex(samples) => {
+                let samples: Vec<[T; 2]> = samples.iter().map(|sample| sample.map(T::of)).collect();
+                complex::estimate(self, &samples, first_sample_delay_s)
+            }
+            Samples::Magnitude(samples) => {
+                let samples: Vec<T> = samples.iter().map(|sample| T::of(*sample)).collect();
+                magnitude::estimate(self, &samples, first_sample_delay_s)
+            }
+        }
+    }
+
+    /// A path `position` samples into the frame.
+    fn path(&self, position: T, first_sample_delay_s: T, amplitude: [T; 2], sinr: T) -> Path<T> {
+        Path {
+            delay_s: first_sample_delay_s + position * self.sample_spacing_s,
+            amplitude,
+            sinr,
+            delay_variance_s2: self.pulse.range_variance_m2(sinr) / square(speed_of_light::<T>()),
+        }
+    }
+}
+
+/// |z|^2.
+fn power<T: Real>(z: [T; 2]) -> T {
+    square(z[0]) + square(z[1])
+}
+
+/// Offset of the vertex of the parabola through three equidistant values whose middle one is largest.
+fn parabola_vertex<T: Real>(before: T, here: T, after: T) -> T {
+    let num = T::of;
+    let curvature = before - num(2.0) * here + after;
+    if curvature < T::ZERO { num(0.5) * (before - after) / curvature } else { T::ZERO }
+}

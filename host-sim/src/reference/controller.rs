@@ -1,0 +1,291 @@
+//! The controller: which action comes next.
+//!
+//! Every action c has a value J(c), learned from rewards r: J <- (1 - alpha) J + alpha r. The action applied earns what
+//! the cycle was worth; a drawn set of actions earns what planning predicts for each. The policy is
+//! pi = softmax(J / tau) with a floor; the next action is the best, or with probability epsilon one from the policy.
+
+use super::Matrix;
+use super::channel_memory::ChannelMemory;
+use super::information::{PositionInformation, determinant, position_entropy_nat, range_slope};
+use super::pulse::Pulse;
+use super::real::{Real, abs, exp, larger, limited, ln, square};
+use super::state_filter::predict_agent;
+use cogmint_core::controller::library::Action;
+use cogmint_core::controller::policy::Choice;
+use cogmint_core::controller::reward::Reward;
+use cogmint_core::controller::value::Learning;
+use cogmint_core::perceptor::state_filter::Source;
+use rand_core::Rng;
+
+/// Overlap of two raised-cosine spectra of roll-off 0.6 and unit width, at distances 0, 0.05, ..., 1.6.
+const OVERLAP: [f32; 33] = [
+    1.000000, 0.993986, 0.976321, 0.948041, 0.910646, 0.865889, 0.815576, 0.761391, 0.704763, 0.646788,
+    0.588217, 0.529547, 0.471148, 0.413422, 0.356918, 0.302350, 0.250559, 0.202450, 0.158898, 0.120654,
+    0.088235, 0.061831, 0.041251, 0.025979, 0.015265, 0.008232, 0.003977, 0.001657, 0.000559, 0.000136,
+    0.000018, 0.000001, 0.000000,
+];
+/// Entries per unit of distance.
+const OVERLAP_STEPS: f32 = 20.0;
+
+/// The actions.
+#[derive(Clone, Debug)]
+pub struct Library<T> {
+    /// Carriers and pulses, as configured.
+    pub actions: Vec<Action>,
+    carrier_hz: Vec<T>,
+    duration_s: Vec<T>,
+}
+
+impl<T: Real> Library<T> {
+    /// A library of these actions.
+    pub fn new(actions: &[Action]) -> Self {
+        Self {
+            actions: actions.to_vec(),
+            carrier_hz: actions.iter().map(|action| T::of(action.carrier_hz)).collect(),
+            duration_s: actions.iter().map(|action| T::of(action.pulse_duration_s)).collect(),
+        }
+    }
+
+    /// Number of actions.
+    pub fn len(&self) -> usize {
+        self.actions.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.actions.is_empty()
+    }
+
+    /// The pulse of an action.
+    pub fn pulse(&self, action: usize, roll_off: T) -> Pulse<T> {
+        Pulse { duration_s: self.duration_s[action], roll_off }
+    }
+
+    /// Spectral overlap of two actions, by linear interpolation of the table over their distance in mean widths, times
+    /// the narrower one's share of the wider.
+    pub fn overlap(&self, a: usize, b: usize) -> T {
+        let (ta, tb) = (self.duration_s[a], self.duration_s[b]);
+        let width_hz = T::of(0.5) * (T::ONE / ta + T::ONE / tb);
+        let position = abs(self.carrier_hz[a] - self.carrier_hz[b]) / width_hz * T::of(OVERLAP_STEPS);
+        let index = position.whole() as usize;
+        let entry = |i: usize| T::of(if i < OVERLAP.len() { OVERLAP[i] } else { 0.0 });
+        let (low, high) = (entry(index), entry(index + 1));
+        let narrower = if ta > tb { tb / ta } else { ta / larger(tb, T::of(1e-12)) };
+        (low + (position - T::of_count(index)) * (high - low)) * narrower
+    }
+}
+
+/// What a cycle was worth, from the agent's covariance before, after prediction and after the update.
+pub fn reward<T: Real>(
+    kind: Reward,
+    previous: &Matrix<T>,
+    predicted: &Matrix<T>,
+    posterior: &Matrix<T>,
+) -> T {
+    let num = T::of;
+    match kind {
+        Reward::InformationGain => position_entropy_nat(predicted) - position_entropy_nat(posterior),
+        Reward::EntropyChange => {
+            let change = position_entropy_nat(previous) - position_entropy_nat(posterior);
+            limited(change, num(-3.0), num(3.0))
+        }
+        Reward::Published { scale } => {
+            let change = num(scale) * (determinant(previous) - determinant(posterior));
+            if abs(change) < num(1e-37) {
+                T::ZERO
+            } else if change > T::ZERO {
+                abs(ln(change))
+            } else {
+                -abs(ln(-change))
+            }
+        }
+    }
+}
+
+/// J(c) <- (1 - alpha) J(c) + alpha (r + gamma sum pi J), the sum only with the bootstrap.
+pub fn learn<T: Real>(values: &mut [T], action: usize, reward: T, policy: &[T], learning: &Learning) {
+    let mut target = reward;
+    if learning.bootstrap {
+        let mut expected = T::ZERO;
+        for c in 0..values.len() {
+            expected += policy[c] * values[c];
+        }
+        target += T::of(learning.discount) * expected;
+    }
+    let rate = T::of(learning.rate);
+    values[action] = (T::ONE - rate) * values[action] + rate * target;
+}
+
+/// The first of the best among the first `count` actions.
+pub fn best<T: Real>(values: &[T], count: usize) -> usize {
+    let mut best = 0;
+    for c in 0..count {
+        if values[c] > values[best] {
+            best = c;
+        }
+    }
+    best
+}
+
+/// pi = softmax(J / tau) with a floor; zero beyond `count`.
+pub fn policy<T: Real>(values: &[T], count: usize, temperature: T) -> Vec<T> {
+    let num = T::of;
+    let most = values[best(values, count)];
+    let mut probabilities = vec![T::ZERO; values.len()];
+    let mut sum = T::ZERO;
+    for c in 0..count {
+        probabilities[c] = exp((values[c] - most) / temperature);
+        sum += probabilities[c];
+    }
+    let floor = num(1e-3) / larger(T::of_count(count), T::ONE);
+    let scale = (T::ONE - num(1e-3)) / larger(sum, num(1e-30));
+    for c in 0..count {
+        probabilities[c] = probabilities[c] * scale + floor;
+    }
+    probabilities
+}
+
+/// Uniform in (0, 1]; exact in either precision.
+pub fn uniform<T: Real>(rng: &mut impl Rng) -> T {
+    T::of_count((rng.next_u32() >> 8) as usize + 1) / T::of(16_777_216.0)
+}
+
+/// `wanted` actions drawn from the policy without replacement, those in `keep` first: the smallest -ln(u) / pi win.
+pub fn planned_set<T: Real>(
+    policy: &[T],
+    count: usize,
+    wanted: usize,
+    keep: [usize; 2],
+    rng: &mut impl Rng,
+) -> Vec<bool> {
+    let mut arrival = Vec::new();
+    for c in 0..count {
+        // Order: an action that is kept draws its number all the same.
+        let time = -ln(uniform::<T>(rng)) / larger(policy[c], T::of(1e-30));
+        arrival.push(if keep.contains(&c) { T::of(-1.0) } else { time });
+    }
+    let mut chosen = vec![false; policy.len()];
+    for _ in 0..wanted {
+        let mut earliest: Option<usize> = None;
+        for c in 0..count {
+            if !chosen[c] && earliest.is_none_or(|e| arrival[c] < arrival[e]) {
+                earliest = Some(c);
+            }
+        }
+        let Some(earliest) = earliest else { break };
+        chosen[earliest] = true;
+    }
+    chosen
+}
+
+/// The next action.
+pub fn choose<T: Real>(
+    values: &[T],
+    policy: &[T],
+    count: usize,
+    present: usize,
+    choice: &Choice,
+    rng: &mut impl Rng,
+) -> usize {
+    if uniform::<T>(rng) <= T::of(choice.exploration) {
+        let mut left = uniform::<T>(rng);
+        for c in 0..count {
+            left -= policy[c];
+            if left <= T::ZERO {
+                return c;
+            }
+        }
+    }
+    let best = best(values, count);
+    if values[best] > values[present] + T::of(choice.hysteresis_nat) { best } else { present }
+}
+
+/// A source that planning counts on.
+#[derive(Clone, Copy, Debug)]
+pub struct Visible<T> {
+    /// Which one.
+    pub source: Source,
+    /// Position, metres.
+    pub position_m: [T; 2],
+    /// Height above the tag, metres.
+    pub height_m: T,
+    /// Covariance of its position, square metres.
+    pub covariance_m2: [[T; 2]; 2],
+}
+
+/// Where planning starts from.
+#[derive(Clone, Debug)]
+pub struct Outlook<T> {
+    /// Position of the tag, metres.
+    pub position_m: [T; 2],
+    /// Velocity, m/s.
+    pub velocity_m_s: [T; 2],
+    /// Covariance of both.
+    pub covariance: Matrix<T>,
+    /// Length of a cycle, seconds.
+    pub elapsed_s: T,
+    /// Standard deviation of the acceleration, m/s^2.
+    pub acceleration_std_m_s2: T,
+    /// Factor on range variances.
+    pub variance_inflation: T,
+    /// Least standard deviation of a range, metres.
+    pub range_floor_m: T,
+    /// Roll-off of the pulse.
+    pub roll_off: T,
+}
+
+/// How far and by what planning judges.
+#[derive(Clone, Copy, Debug)]
+pub struct Horizon {
+    /// Steps ahead.
+    pub steps: usize,
+    /// Discount per step.
+    pub discount: f32,
+    /// The reward.
+    pub reward: Reward,
+}
+
+/// What holding one action over the horizon would earn: the discounted mean of its rewards.
+///
+/// At step l the tag is expected at p + l dt v; every visible source adds the information of one range, of the variance
+/// that its remembered SINR allows plus its own uncertainty along the line of sight.
+pub fn plan_one<T: Real>(
+    action: usize,
+    horizon: &Horizon,
+    outlook: &Outlook<T>,
+    visible: &[Visible<T>],
+    memory: &ChannelMemory<T>,
+    library: &Library<T>,
+) -> T {
+    let num = T::of;
+    let pulse = library.pulse(action, outlook.roll_off);
+    // Order: the variance at SINR 1, inflated, divided by the SINR.
+    let unit = outlook.variance_inflation * pulse.range_variance_m2(T::ONE);
+    let floor = square(outlook.range_floor_m);
+    let mut covariance = outlook.covariance.clone();
+    let mut total = T::ZERO;
+    let mut weight = T::ONE;
+    let mut weights = T::ZERO;
+    for step in 1..=horizon.steps {
+        let ahead_s = T::of_count(step) * outlook.elapsed_s;
+        let x = outlook.position_m[0] + ahead_s * outlook.velocity_m_s[0];
+        let y = outlook.position_m[1] + ahead_s * outlook.velocity_m_s[1];
+        let mut information = PositionInformation::none();
+        for source in visible {
+            let slope = range_slope([x - source.position_m[0], y - source.position_m[1]], source.height_m);
+            let [ux, uy] = slope;
+            let c = &source.covariance_m2;
+            let map = square(ux) * c[0][0] + num(2.0) * (ux * uy) * c[1][0] + square(uy) * c[1][1];
+            information.add(slope, unit / memory.sinr(source.source, action) + floor + map);
+        }
+        let predicted =
+            predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
+        let posterior = information.posterior(&predicted);
+        total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
+        weights += weight;
+        weight *= T::of(horizon.discount);
+        covariance = posterior;
+    }
+    // The first weight is 1, so the sum is not zero.
+    total / weights
+}

@@ -1,0 +1,108 @@
+//! Environment memory: the virtual anchors believed to exist.
+//!
+//! Existence r follows r <- P_s r between scans and the association's posterior after each. A virtual anchor counts
+//! above 1/2, and is forgotten below 1/1000 or after 60 scans in a row without a path.
+
+use super::real::{Real, smaller};
+
+/// Existence above which a virtual anchor counts.
+pub const CONFIRMED: f32 = 0.5;
+/// Existence below which it is forgotten.
+const FORGOTTEN: f32 = 1e-3;
+/// Scans without a path after which it is forgotten.
+const MISSES: u16 = 60;
+/// No virtual anchor is more certain than this.
+const MOST_CERTAIN: f32 = 0.999;
+
+/// One virtual anchor.
+#[derive(Clone, Copy, Debug)]
+pub struct Record<T> {
+    /// The physical anchor it mirrors.
+    pub anchor: usize,
+    /// Probability that it exists.
+    pub existence: T,
+    /// Scans in a row without a path.
+    pub misses: u16,
+    /// Scans with a path.
+    pub hits: u32,
+}
+
+/// The virtual anchors by slot.
+#[derive(Clone, Debug)]
+pub struct EnvironmentMemory<T> {
+    /// `None` where a slot is free.
+    pub records: Vec<Option<Record<T>>>,
+}
+
+impl<T: Real> EnvironmentMemory<T> {
+    /// A memory of `slots` free slots.
+    pub fn new(slots: usize) -> Self {
+        Self { records: vec![None; slots] }
+    }
+
+    /// Slots and records in use.
+    pub fn in_use(&self) -> Vec<(usize, Record<T>)> {
+        let mut list = Vec::new();
+        for slot in 0..self.records.len() {
+            if let Some(record) = self.records[slot] {
+                list.push((slot, record));
+            }
+        }
+        list
+    }
+
+    /// The first free slot.
+    pub fn free_slot(&self) -> Option<usize> {
+        self.records.iter().position(Option::is_none)
+    }
+
+    /// Fills a free slot.
+    pub fn insert(&mut self, slot: usize, anchor: usize, existence: T) {
+        let existence = smaller(existence, T::of(MOST_CERTAIN));
+        self.records[slot] = Some(Record { anchor, existence, misses: 0, hits: 0 });
+    }
+
+    /// P_s r.
+    pub fn expected_existence(record: &Record<T>, survival: T) -> T {
+        smaller(record.existence * survival, T::of(MOST_CERTAIN))
+    }
+
+    /// Enters the outcome of a scan.
+    pub fn remember(&mut self, slot: usize, existence: T, seen: bool) {
+        if let Some(record) = &mut self.records[slot] {
+            record.existence = smaller(existence, T::of(MOST_CERTAIN));
+            if seen {
+                record.misses = 0;
+                record.hits = record.hits.saturating_add(1);
+            } else {
+                record.misses = record.misses.saturating_add(1);
+            }
+        }
+    }
+
+    /// Frees the slot of the least probable unconfirmed virtual anchor (the first of equals).
+    pub fn give_way(&mut self) -> Option<usize> {
+        let mut least: Option<(usize, T)> = None;
+        for (slot, record) in self.in_use() {
+            let unconfirmed = record.existence <= T::of(CONFIRMED);
+            if unconfirmed && least.is_none_or(|(_, existence)| record.existence < existence) {
+                least = Some((slot, record.existence));
+            }
+        }
+        let (slot, _) = least?;
+        self.records[slot] = None;
+        Some(slot)
+    }
+
+    /// Frees the slots of all virtual anchors that have become improbable; returns them in order.
+    pub fn forget(&mut self) -> Vec<usize> {
+        let mut forgotten = Vec::new();
+        for (slot, record) in self.in_use() {
+            if record.existence < T::of(FORGOTTEN) || record.misses > MISSES {
+                self.records[slot] = None;
+                forgotten.push(slot);
+            }
+        }
+        forgotten
+    }
+}
