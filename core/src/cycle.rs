@@ -316,6 +316,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
     }
 
+    // Stages are kept apart so that each reuses the stack of the one before.
+    #[inline(never)]
     fn take_frame(
         &mut self,
         frame: &Frame<'_>,
@@ -382,6 +384,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         heard
     }
 
+    #[inline(never)]
     fn associate_scan<'a>(
         &self,
         scan: &'a Scan<PATHS>,
@@ -434,6 +437,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// Existence of virtual anchors, SINR of every source whose path was probably seen, and how much of each scan
     /// nothing explained.
+    #[inline(never)]
     fn remember(&mut self, heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>, report: &mut CycleReport) {
         self.channel.age();
         for associated in heard {
@@ -478,6 +482,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// The life of virtual anchors: forgets improbable ones, offers what nothing explained to the candidates, and
     /// takes resolved candidates into the map.
+    #[inline(never)]
     fn discover(
         &mut self,
         heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>,
@@ -560,6 +565,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Reward, learning, planning and the next action.
+    #[inline(never)]
     fn act(
         &mut self,
         previous: &Matrix4<f32>,

@@ -21,7 +21,7 @@ pub fn write(bytes: &[u8]) {
 /// Ends the run.
 pub fn exit(success: bool) -> ! {
     /// ADP_Stopped_ApplicationExit and ADP_Stopped_RunTimeErrorUnknown.
-    const REASONS: [usize; 2] = [0x2_0023, 0x2_0026];
+    const REASONS: [usize; 2] = [0x2_0026, 0x2_0023];
     loop {
         // SAFETY: the call takes its reason as the argument itself.
         unsafe {

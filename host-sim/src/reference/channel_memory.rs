@@ -6,11 +6,12 @@
 //!
 //! SINR = A / (m1 - A), A = sqrt(m1^2 - var).
 //!
-//! While samples are few, a forgetting mean of the channel estimator's ln SINR takes its place.
+//! While samples are few, a forgetting mean of the channel estimator's ln SINR takes its place; twice that mean bounds
+//! it later. A source that was expected in a frame and missed enters as a sample without energy.
 
 use super::association::Measurement;
 use super::controller::Library;
-use super::real::{Real, exp, larger, limited, ln, sqrt, square};
+use super::real::{Real, exp, larger, limited, ln, smaller, sqrt, square};
 use cogmint_core::perceptor::state_filter::Source;
 use std::fmt;
 
@@ -18,6 +19,10 @@ const WINDOW: f32 = 40.0;
 const AGEING: f32 = 0.999;
 const INSTANT_FORGETTING: f32 = 0.2;
 const TRUSTED: f32 = 8.0;
+/// The moments are believed up to this multiple of the estimator's SINR.
+const OPTIMISM: f32 = 2.0;
+/// SINR that a miss stands for.
+const MISSED_SINR: f32 = 0.5;
 const REFERENCE_FLOOR: f32 = 1e-30;
 
 /// One source at one action.
@@ -94,17 +99,37 @@ impl<T: Real> ChannelMemory<T> {
         path: &Measurement<T>,
         weight: T,
     ) {
+        let energy = path.energy * square(path.range_m);
+        self.enter(source, action, library, [energy, path.sinr], weight);
+    }
+
+    /// Enters that `source` was expected in a frame received with `action` and, with probability `weight`, missed.
+    pub fn remember_missed(&mut self, source: Source, action: usize, library: &Library<T>, weight: T) {
+        self.enter(source, action, library, [T::ZERO, T::of(MISSED_SINR)], weight);
+    }
+
+    fn enter(
+        &mut self,
+        source: Source,
+        action: usize,
+        library: &Library<T>,
+        [energy, sinr]: [T; 2],
+        weight: T,
+    ) {
         let num = T::of;
         let row = match source {
             Source::Direct { anchor } => &mut self.direct[anchor],
             Source::Virtual { slot, .. } => &mut self.virtual_anchors[slot],
         };
-        let energy = path.energy * square(path.range_m);
         if row.reference == T::ZERO {
+            if energy == T::ZERO {
+                // Never seen yet: nothing to compare a miss to.
+                return;
+            }
             row.reference = larger(energy, num(REFERENCE_FLOOR));
         }
         let relative = limited(energy / row.reference, T::ZERO, num(1e6));
-        let sinr_ln = ln(larger(path.sinr, num(1e-3)));
+        let sinr_ln = ln(larger(sinr, num(1e-3)));
         for other in 0..library.len() {
             let moments = &mut row.moments[other];
             // Order: rho^4 as a square of squares, then the weight.
@@ -133,16 +158,18 @@ impl<T: Real> ChannelMemory<T> {
         if moments.count < num(1e-3) {
             return self.prior_sinr;
         }
-        let trust = limited(moments.count / num(TRUSTED), T::ZERO, T::ONE);
-        let by_moments = sinr_by_moments(moments);
-        if trust >= T::ONE {
-            return by_moments;
-        }
         // From the prior to the estimator's SINR within one sample, from there to the moments within eight.
         let seen = limited(moments.count, T::ZERO, T::ONE);
         let prior_ln = ln(self.prior_sinr);
         let instant_ln = prior_ln + seen * (moments.instant_ln - prior_ln);
-        exp(instant_ln + trust * (ln(by_moments) - instant_ln))
+        let trust = limited(moments.count / num(TRUSTED), T::ZERO, T::ONE);
+        let by_moments = sinr_by_moments(moments);
+        let blend = if trust >= T::ONE {
+            by_moments
+        } else {
+            exp(instant_ln + trust * (ln(by_moments) - instant_ln))
+        };
+        smaller(blend, num(OPTIMISM) * exp(instant_ln))
     }
 
     /// Every number with its name, in the order of the core's `visit`.

@@ -143,14 +143,17 @@ impl<T: Real> Fit<'_, T> {
     /// s(t) = 1 - r' Sigma r. Order: (r_k Sigma_kl) r_l, over the components whose pulses reach t.
     fn uncertainty(&self, position: T) -> T {
         let table = &self.estimator.table;
-        let lags: Vec<T> = self.components.iter().map(|component| position - component.position).collect();
-        let reached = |k: usize| abs(lags[k]) < table.support_samples();
+        let mut reached = Vec::new();
+        for k in 0..self.components.len() {
+            let lag = position - self.components[k].position;
+            if abs(lag) < table.support_samples() {
+                reached.push((k, table.at(lag)));
+            }
+        }
         let mut form = T::ZERO;
-        for k in 0..lags.len() {
-            for l in 0..lags.len() {
-                if reached(k) && reached(l) {
-                    form += table.at(lags[k]) * self.posterior[k][l] * table.at(lags[l]);
-                }
+        for &(k, r_k) in &reached {
+            for &(l, r_l) in &reached {
+                form += r_k * self.posterior[k][l] * r_l;
             }
         }
         T::ONE - form

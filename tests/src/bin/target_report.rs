@@ -1,0 +1,197 @@
+//! Figures of a run on the target, beside their budgets: from the image, the firmware's log and the host's trace.
+
+use object::{Object, ObjectSection, ObjectSymbol};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::process::ExitCode;
+
+/// Stages in the order in which the firmware prints them.
+const STAGES: [&str; 8] =
+    ["receive", "estimate", "predict", "associate", "update", "remember", "discover", "act"];
+
+/// Must and aim of the specification, section 6.
+#[derive(Serialize)]
+struct Budget {
+    must: u64,
+    aim: u64,
+}
+
+#[derive(Serialize)]
+struct Report {
+    target: String,
+    cycles: usize,
+    /// Hash over all state after the last cycle: it depends on every cycle before.
+    hash: String,
+    host_hash: String,
+    /// Whether the hashes of all cycles are equal.
+    equal: bool,
+    first_difference: Option<usize>,
+    instructions_per_cycle: u64,
+    instructions_per_cycle_max: u64,
+    instructions_per_stage: BTreeMap<&'static str, u64>,
+    /// Tracker and deepest stack; the radio's frame buffer is its own.
+    ram_bytes: u64,
+    tracker_bytes: u64,
+    stack_bytes: u64,
+    frame_buffer_bytes: u64,
+    flash_bytes: u64,
+    panic_symbols: usize,
+    budgets: BTreeMap<&'static str, Budget>,
+}
+
+fn main() -> ExitCode {
+    match report() {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("target_report: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn report() -> Result<bool, Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().collect();
+    let value = |name: &str| -> Result<String, String> {
+        let at = arguments.iter().position(|a| a == name).ok_or_else(|| format!("needs {name}"))?;
+        arguments.get(at + 1).cloned().ok_or_else(|| format!("{name} needs a value"))
+    };
+    let host = std::fs::read_to_string(value("--host")?)?;
+    let log = std::fs::read_to_string(value("--log")?)?;
+    let image = std::fs::read(value("--image")?)?;
+    let host_hashes: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
+
+    let mut hashes = Vec::new();
+    let mut per_stage: Vec<[u64; STAGES.len()]> = Vec::new();
+    let (mut stack_bytes, mut tracker_bytes, mut constructor_stack) = (0, 0, 0);
+    for line in log.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words.as_slice() {
+            ["cycle", _, "hash", hash, counts @ ..] if counts.len() == STAGES.len() => {
+                hashes.push(*hash);
+                let mut row = [0; STAGES.len()];
+                for (slot, count) in row.iter_mut().zip(counts) {
+                    *slot = count.parse()?;
+                }
+                per_stage.push(row);
+            }
+            ["constructor", "stack", bytes] => constructor_stack = bytes.parse()?,
+            ["stack", stack, "tracker", tracker] => {
+                stack_bytes = stack.parse()?;
+                tracker_bytes = tracker.parse()?;
+            }
+            _ => eprintln!("target_report: the firmware said: {line}"),
+        }
+    }
+    stack_bytes = stack_bytes.max(constructor_stack);
+    if hashes.is_empty() {
+        return Err("the firmware printed no cycle".into());
+    }
+    let first_difference =
+        (0..hashes.len().max(host_hashes.len())).find(|&n| hashes.get(n) != host_hashes.get(n));
+
+    let elf = object::File::parse(image.as_slice())?;
+    let mut flash_bytes = 0;
+    let mut static_bytes = 0;
+    for section in elf.sections() {
+        match section.name()? {
+            ".vector_table" | ".text" | ".rodata" => flash_bytes += section.size(),
+            ".data" => {
+                flash_bytes += section.size();
+                static_bytes += section.size();
+            }
+            ".bss" | ".uninit" => static_bytes += section.size(),
+            _ => {}
+        }
+    }
+    let panics: Vec<String> = elf
+        .symbols()
+        .filter_map(|symbol| symbol.name().ok().map(str::to_owned))
+        .filter(|name| {
+            ["panic", "unwrap_failed", "expect_failed", "slice_index_fail"].iter().any(|p| name.contains(p))
+        })
+        .collect();
+
+    let cycles = per_stage.len() as u64;
+    let totals: Vec<u64> = per_stage.iter().map(|row| row.iter().sum()).collect();
+    let mean = |values: &mut dyn Iterator<Item = u64>| values.sum::<u64>() / cycles;
+    let mut instructions_per_stage = BTreeMap::new();
+    for (stage, name) in STAGES.iter().enumerate() {
+        instructions_per_stage.insert(*name, mean(&mut per_stage.iter().map(|row| row[stage])));
+    }
+    let budget = |must, aim| Budget { must, aim };
+    let report = Report {
+        target: value("--target")?,
+        cycles: hashes.len(),
+        hash: hashes.last().copied().unwrap_or_default().into(),
+        host_hash: host_hashes.last().copied().unwrap_or_default().into(),
+        equal: first_difference.is_none(),
+        first_difference,
+        instructions_per_cycle: mean(&mut totals.iter().copied()),
+        instructions_per_cycle_max: totals.iter().copied().max().unwrap_or(0),
+        ram_bytes: tracker_bytes + stack_bytes,
+        tracker_bytes,
+        stack_bytes,
+        frame_buffer_bytes: static_bytes.saturating_sub(tracker_bytes),
+        flash_bytes,
+        panic_symbols: panics.len(),
+        instructions_per_stage,
+        budgets: BTreeMap::from([
+            ("instructions_per_cycle", budget(3_800_000, 1_900_000)),
+            ("instructions_without_estimate", budget(1_000_000, 500_000)),
+            ("instructions_predict_and_update", budget(280_000, 200_000)),
+            ("ram_bytes", budget(65_536, 32_768)),
+            ("flash_bytes", budget(131_072, 65_536)),
+            ("panic_symbols", budget(0, 0)),
+        ]),
+    };
+    if arguments.iter().any(|a| a == "--json") {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print(&report);
+    }
+    for name in &panics {
+        eprintln!("target_report: linked panic symbol {name}");
+    }
+    Ok(report.equal && report.panic_symbols == 0)
+}
+
+fn print(report: &Report) {
+    println!("{} in QEMU, {} cycles", report.target, report.cycles);
+    println!("hash after the last cycle  {}", report.hash);
+    println!(
+        "on the host                {}  {}",
+        report.host_hash,
+        if report.equal { "equal" } else { "NOT EQUAL" }
+    );
+    if let Some(cycle) = report.first_difference {
+        println!("first different cycle      {cycle}");
+    }
+    println!("\ninstructions per cycle, by stage (mean)");
+    for stage in STAGES {
+        println!("  {stage:<10} {:>10}", report.instructions_per_stage[stage]);
+    }
+    println!("\n{:<34} {:>10} {:>10} {:>10}", "figure", "measured", "must", "aim");
+    let stage = |name: &str| report.instructions_per_stage[name];
+    let measured = |name: &str| match name {
+        "instructions_per_cycle" => report.instructions_per_cycle,
+        "instructions_without_estimate" => {
+            report.instructions_per_cycle - stage("estimate") - stage("receive")
+        }
+        "instructions_predict_and_update" => stage("predict") + stage("update"),
+        "ram_bytes" => report.ram_bytes,
+        "flash_bytes" => report.flash_bytes,
+        _ => report.panic_symbols as u64,
+    };
+    for (name, budget) in &report.budgets {
+        println!("{name:<34} {:>10} {:>10} {:>10}", measured(name), budget.must, budget.aim);
+    }
+    println!(
+        "\nlargest cycle {} instructions; RAM: tracker {} + stack {} bytes; frame buffer beside it {} bytes",
+        report.instructions_per_cycle_max,
+        report.tracker_bytes,
+        report.stack_bytes,
+        report.frame_buffer_bytes
+    );
+}
