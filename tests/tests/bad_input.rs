@@ -1,0 +1,293 @@
+//! What bad input gets: a typed error that names it, and a state unchanged to the bit.
+
+use cogmint_core::controller::library::{Action, LIBRARY_PUBLISHED};
+use cogmint_core::observation::{Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
+
+type Small = Tracker<2, 4, 8, 40>;
+
+const ANCHORS: [Anchor; 2] =
+    [Anchor { position_m: [0.5, 7.0], height_m: 1.0 }, Anchor { position_m: [5.2, 3.2], height_m: 1.0 }];
+
+fn config() -> Config {
+    let mut config = Config::default();
+    config.start.position_m = [3.0, 7.5];
+    config.radio.samples_per_frame = 64;
+    config.radio.full_scale = Some(1000.0);
+    config
+}
+
+/// A tracker in the middle of its life.
+fn tracker() -> Small {
+    let map = [MappedVirtualAnchor { anchor: 0, position_m: [-0.5, 7.0], std_m: 0.1 }];
+    let mut tracker = Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 5).unwrap();
+    for step in 0..20 {
+        let frame = samples(step as f32);
+        let observations = [complex(0, &frame), complex(1, &frame)];
+        tracker.cycle(&observations, 0.1, Some(1.2)).unwrap();
+    }
+    tracker
+}
+
+fn samples(phase: f32) -> [[f32; 2]; 64] {
+    std::array::from_fn(|n| {
+        let n = n as f32;
+        let pulse = 100.0 * (-(n - 30.0) * (n - 30.0) / 4.0).exp();
+        [pulse + (n * 1.7 + phase).sin(), (n * 2.3 + phase).cos()]
+    })
+}
+
+fn complex(anchor: usize, samples: &[[f32; 2]]) -> Observation<'_> {
+    let samples = Samples::Complex(samples);
+    Observation::Frame(Frame { anchor, action: 3, sequence: None, first_sample_delay_s: 0.0, samples })
+}
+
+/// Asserts that the call is refused with `expected` and that nothing changed.
+fn refuses(observations: &[Observation<'_>], elapsed_s: f32, height: Option<f32>, expected: Error) {
+    let mut tracker = tracker();
+    let before = format!("{tracker:?}");
+    let hash = tracker.hash();
+    // Debug strings, because NaN differs from itself.
+    let error = tracker.cycle(observations, elapsed_s, height).unwrap_err();
+    assert_eq!(format!("{error:?}"), format!("{expected:?}"));
+    assert!(error.to_string().len() > 10);
+    assert_eq!(tracker.hash(), hash, "state hash after {error}");
+    assert_eq!(format!("{tracker:?}"), before, "state after {error}");
+    // And it goes on.
+    let frame = samples(0.3);
+    tracker.cycle(&[complex(0, &frame)], 0.1, None).unwrap();
+}
+
+#[test]
+fn samples_that_are_no_numbers_are_refused() {
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e16] {
+        let mut frame = samples(0.0);
+        frame[41][1] = bad;
+        refuses(&[complex(1, &frame)], 0.1, None, Error::SampleNotFinite { anchor: 1, sample: 41 });
+        let mut magnitudes = [1.0; 64];
+        magnitudes[7] = bad;
+        let magnitude = Observation::Frame(Frame {
+            anchor: 0,
+            action: 0,
+            sequence: None,
+            first_sample_delay_s: 0.0,
+            samples: Samples::Magnitude(&magnitudes),
+        });
+        refuses(&[magnitude], 0.1, None, Error::SampleNotFinite { anchor: 0, sample: 7 });
+    }
+}
+
+#[test]
+fn a_bad_frame_after_a_good_one_leaves_both_out() {
+    let good = samples(0.0);
+    let mut bad = good;
+    bad[0][0] = f32::NAN;
+    let observations = [complex(0, &good), complex(1, &bad)];
+    refuses(&observations, 0.1, None, Error::SampleNotFinite { anchor: 1, sample: 0 });
+}
+
+#[test]
+fn silent_saturated_and_negative_frames_are_refused() {
+    refuses(&[complex(0, &[[0.0; 2]; 64])], 0.1, None, Error::SilentFrame { anchor: 0 });
+    let mut frame = samples(0.0);
+    frame[29][0] = 1000.0;
+    frame[30][0] = -1000.0;
+    refuses(&[complex(0, &frame)], 0.1, None, Error::SaturatedFrame { anchor: 0, samples: 2 });
+    let magnitudes = [-1.0; 64];
+    let magnitude = Observation::Frame(Frame {
+        anchor: 0,
+        action: 0,
+        sequence: None,
+        first_sample_delay_s: 0.0,
+        samples: Samples::Magnitude(&magnitudes),
+    });
+    refuses(&[magnitude], 0.1, None, Error::NegativeMagnitude { anchor: 0, sample: 0 });
+}
+
+#[test]
+fn frames_of_another_length_are_refused() {
+    for length in [0, 1, 63] {
+        let frame = vec![[1.0, 0.0]; length];
+        let expected = Error::FrameLength { anchor: 0, given: length, expected: 64 };
+        refuses(&[complex(0, &frame)], 0.1, None, expected);
+    }
+}
+
+#[test]
+fn unknown_anchors_and_actions_are_refused() {
+    let frame = samples(0.0);
+    refuses(&[complex(2, &frame)], 0.1, None, Error::UnknownAnchor { anchor: 2 });
+    refuses(&[complex(usize::MAX, &frame)], 0.1, None, Error::UnknownAnchor { anchor: usize::MAX });
+    let Observation::Frame(frame) = complex(0, &frame) else { unreachable!() };
+    let unknown = Observation::Frame(Frame { action: 40, ..frame });
+    refuses(&[unknown], 0.1, None, Error::UnknownAction { action: 40 });
+}
+
+#[test]
+fn duplicate_frames_are_refused_within_a_cycle_and_by_their_counter() {
+    let frame = samples(0.0);
+    let observations = [complex(1, &frame), complex(1, &frame)];
+    refuses(&observations, 0.1, None, Error::DuplicateFrame { anchor: 1 });
+    let mut tracker = tracker();
+    let Observation::Frame(frame) = complex(0, &frame) else { unreachable!() };
+    let counted = [Observation::Frame(Frame { sequence: Some(9), ..frame })];
+    tracker.cycle(&counted, 0.1, None).unwrap();
+    let hash = tracker.hash();
+    assert_eq!(tracker.cycle(&counted, 0.1, None), Err(Error::DuplicateFrame { anchor: 0 }));
+    assert_eq!(tracker.hash(), hash);
+}
+
+#[test]
+fn time_that_stands_still_or_runs_backwards_is_refused() {
+    let frame = samples(0.0);
+    for elapsed_s in [0.0, -0.1, f32::NAN, f32::INFINITY, 3601.0] {
+        refuses(&[complex(0, &frame)], elapsed_s, None, Error::Time { elapsed_s });
+    }
+}
+
+#[test]
+fn delays_and_heights_out_of_range_are_refused() {
+    let frame = samples(0.0);
+    for height in [f32::NAN, f32::INFINITY, 1001.0] {
+        refuses(&[complex(0, &frame)], 0.1, Some(height), Error::TagHeight);
+    }
+    let Observation::Frame(frame) = complex(0, &frame) else { unreachable!() };
+    for first_sample_delay_s in [f32::NAN, f32::INFINITY, 1e-3, -1e-3] {
+        let late = Observation::Frame(Frame { first_sample_delay_s, ..frame });
+        refuses(&[late], 0.1, None, Error::FrameDelay { anchor: 0 });
+    }
+}
+
+#[test]
+fn bad_ranges_are_refused() {
+    let good = Range { range_m: 2.0, variance_m2: 0.01 };
+    for range_m in [f32::NAN, f32::INFINITY, 0.0, -1.0, 30.1] {
+        let ranges = [good, Range { range_m, ..good }];
+        let scan = [Observation::Ranges(RangeScan { anchor: 0, ranges: &ranges })];
+        refuses(&scan, 0.1, None, Error::Range { anchor: 0, index: 1 });
+    }
+    for variance_m2 in [f32::NAN, f32::INFINITY, 0.0, -1.0, 1e5] {
+        let ranges = [Range { variance_m2, ..good }];
+        let scan = [Observation::Ranges(RangeScan { anchor: 1, ranges: &ranges })];
+        refuses(&scan, 0.1, None, Error::RangeVariance { anchor: 1, index: 0 });
+    }
+    let many = [good; 9];
+    let scan = [Observation::Ranges(RangeScan { anchor: 1, ranges: &many })];
+    refuses(&scan, 0.1, None, Error::RangeCount { anchor: 1, given: 9, limit: 8 });
+}
+
+#[test]
+fn missing_frames_mean_prediction_only_and_growing_entropy() {
+    let mut tracker = tracker();
+    let mut entropy = f32::NEG_INFINITY;
+    for _ in 0..50 {
+        let report = tracker.cycle(&[], 0.1, None).unwrap();
+        assert_eq!((report.anchors_heard, report.measurements), (0, 0));
+        assert_eq!(report.entropy_nat, report.predicted_entropy_nat);
+        assert!(report.entropy_nat > entropy);
+        entropy = report.entropy_nat;
+    }
+}
+
+#[test]
+fn a_long_gap_grows_the_uncertainty_and_the_next_frames_shrink_it() {
+    let mut tracker = tracker();
+    let gap = tracker.cycle(&[], 3600.0, None).unwrap();
+    assert!(gap.entropy_nat.is_finite() && gap.position_covariance_m2.m11 > 1.0);
+    let frame = samples(0.0);
+    let after = tracker.cycle(&[complex(0, &frame), complex(1, &frame)], 0.1, None).unwrap();
+    assert!(after.position_m.iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn configurations_out_of_range_are_refused() {
+    let refuse = |change: fn(&mut Config), setting: Setting| {
+        let mut config = config();
+        change(&mut config);
+        let outcome = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).map(|_| ());
+        assert_eq!(outcome, Err(Error::Configuration(setting)));
+    };
+    refuse(|c| c.motion.acceleration_std_m_s2 = f32::NAN, Setting::AccelerationStd);
+    refuse(|c| c.start.position_m[1] = f32::INFINITY, Setting::StartPosition);
+    refuse(|c| c.start.position_std_m = 0.0, Setting::StartDeviation);
+    refuse(|c| c.ranging.floor_m = 0.0, Setting::RangeFloor);
+    refuse(|c| c.association.detection_probability = 1.0, Setting::DetectionProbability);
+    refuse(|c| c.association.clutter_per_anchor = 0.0, Setting::ClutterPerAnchor);
+    refuse(|c| c.radio.sample_spacing_s = 0.0, Setting::SampleSpacing);
+    refuse(|c| c.radio.samples_per_frame = 15, Setting::SampleCount);
+    refuse(|c| c.radio.false_paths_per_frame = 0.0, Setting::FalsePaths);
+    refuse(|c| c.controller.choice.temperature_nat = 0.0, Setting::Temperature);
+    refuse(|c| c.controller.horizon = 0, Setting::Horizon);
+    refuse(|c| c.controller.first_action = 40, Setting::FirstAction);
+}
+
+#[test]
+fn anchors_maps_and_libraries_out_of_range_are_refused() {
+    let new = |anchors: &[Anchor], map: &[MappedVirtualAnchor], actions: &[Action]| {
+        Small::new(config(), anchors, map, actions, 1).map(|_| ()).unwrap_err()
+    };
+    assert_eq!(new(&[], &[], &LIBRARY_PUBLISHED), Error::AnchorCount { given: 0, limit: 2 });
+    assert_eq!(new(&[ANCHORS[0]; 3], &[], &LIBRARY_PUBLISHED), Error::AnchorCount { given: 3, limit: 2 });
+    let far = Anchor { position_m: [f32::NAN, 0.0], height_m: 0.0 };
+    assert_eq!(new(&[ANCHORS[0], far], &[], &LIBRARY_PUBLISHED), Error::Geometry { index: 1 });
+    let image = MappedVirtualAnchor { anchor: 0, position_m: [1.0, 1.0], std_m: 0.1 };
+    assert_eq!(
+        new(&ANCHORS, &[image; 5], &LIBRARY_PUBLISHED),
+        Error::VirtualAnchorCount { given: 5, limit: 4 }
+    );
+    let orphan = MappedVirtualAnchor { anchor: 2, ..image };
+    assert_eq!(new(&ANCHORS, &[orphan], &LIBRARY_PUBLISHED), Error::UnknownAnchor { anchor: 2 });
+    let vague = MappedVirtualAnchor { std_m: f32::NAN, ..image };
+    assert_eq!(new(&ANCHORS, &[vague], &LIBRARY_PUBLISHED), Error::Geometry { index: 0 });
+    assert_eq!(new(&ANCHORS, &[], &[]), Error::Configuration(Setting::LibraryEmpty));
+}
+
+/// Not a proof, a net: whatever passes the checks must leave a finite state, and whatever does not must leave it
+/// alone.
+#[test]
+fn random_frames_never_panic_and_never_leave_a_number_that_is_none() {
+    let mut state = 12_345_u64;
+    let mut random = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as u32
+    };
+    let mut tracker = tracker();
+    let mut refused = 0;
+    for round in 0..3000 {
+        let kind = random() % 6;
+        let frame: Vec<[f32; 2]> = (0..64)
+            .map(|_| match kind {
+                0 => [f32::from_bits(random()), f32::from_bits(random())],
+                1 => [1e-20 * (random() % 1000) as f32, 0.0],
+                2 => [500.0, 0.0],
+                3 => [(random() % 2000) as f32 - 1000.0, (random() % 100) as f32],
+                4 => [if random() % 64 == 0 { 900.0 } else { 1e-3 }, 0.0],
+                _ => [(random() % 100) as f32, (random() % 100) as f32],
+            })
+            .collect();
+        let ranges: Vec<Range> = (0..random() % 9)
+            .map(|_| Range {
+                range_m: (random() % 3100) as f32 * 0.01,
+                variance_m2: 1e-6 * (1 + random() % 10_000) as f32,
+            })
+            .collect();
+        let observations =
+            [complex(0, &frame), Observation::Ranges(RangeScan { anchor: 1, ranges: &ranges })];
+        let before = tracker.hash();
+        let elapsed_s = [0.01, 0.1, 1.0, 60.0][random() as usize % 4];
+        match tracker.cycle(&observations, elapsed_s, None) {
+            Err(_) => {
+                refused += 1;
+                assert_eq!(tracker.hash(), before);
+            }
+            Ok(report) => {
+                assert!(report.entropy_nat.is_finite(), "round {round}: {report:?}");
+                assert!(report.position_m.iter().all(|x| x.is_finite()), "round {round}");
+                tracker.filter().visit(|v| assert!(v.is_finite(), "round {round}"));
+                tracker.channel().visit(|v| assert!(v.is_finite(), "round {round}"));
+                tracker.discovery().visit(|v| assert!(v.is_finite(), "round {round}"));
+            }
+        }
+    }
+    assert!(refused > 300 && refused < 2900, "{refused} refused: the test must see both outcomes");
+}

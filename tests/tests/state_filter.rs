@@ -1,0 +1,282 @@
+//! The reduced filter against the textbook: a 2n+1-point unscented filter over the whole state in f64, and the
+//! covariance's definiteness over many cycles.
+
+use cogmint_core::perceptor::state_filter::{Innovation, Motion, Sight, Source, StateFilter};
+use nalgebra::{DMatrix, DVector};
+use rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro128PlusPlus;
+
+struct Noise(Xoshiro128PlusPlus);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        (f64::from(self.0.next_u32()) + 0.5) / 4_294_967_296.0
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// The textbook filter: sigma points over all states, batch update with a diagonal measurement covariance.
+struct Textbook {
+    x: DVector<f64>,
+    p: DMatrix<f64>,
+}
+
+impl Textbook {
+    fn predict(&mut self, dt: f64, acceleration: f64, walk: f64) {
+        let n = self.x.len();
+        let mut f = DMatrix::identity(n, n);
+        f[(0, 2)] = dt;
+        f[(1, 3)] = dt;
+        let mut g = DMatrix::zeros(n, 2);
+        for axis in 0..2 {
+            g[(axis, axis)] = 0.5 * dt * dt;
+            g[(axis + 2, axis)] = dt;
+        }
+        self.x = &f * &self.x;
+        self.p = &f * &self.p * f.transpose() + &g * g.transpose() * acceleration * acceleration;
+        for i in 4..n {
+            self.p[(i, i)] += walk * walk;
+        }
+    }
+
+    /// Sigma points at +-sqrt(n) standard deviations with weights 1 / 2n.
+    fn update(&mut self, z: &DVector<f64>, r: f64, measure: impl Fn(&DVector<f64>) -> DVector<f64>) {
+        let n = self.x.len();
+        let root = self.p.clone().cholesky().expect("positive definite").l() * (n as f64).sqrt();
+        let points: Vec<DVector<f64>> =
+            (0..n).flat_map(|i| [&self.x + root.column(i), &self.x - root.column(i)]).collect();
+        let images: Vec<DVector<f64>> = points.iter().map(&measure).collect();
+        let weight = 1.0 / points.len() as f64;
+        let mean = images.iter().sum::<DVector<f64>>() * weight;
+        let mut pzz = DMatrix::identity(z.len(), z.len()) * r;
+        let mut pxz = DMatrix::zeros(n, z.len());
+        for (point, image) in points.iter().zip(&images) {
+            pzz += (image - &mean) * (image - &mean).transpose() * weight;
+            pxz += (point - &self.x) * (image - &mean).transpose() * weight;
+        }
+        let gain = &pxz * pzz.clone().try_inverse().expect("invertible");
+        self.x += &gain * (z - mean);
+        self.p -= &gain * pzz * gain.transpose();
+        self.p = (&self.p + self.p.transpose()) * 0.5;
+    }
+}
+
+const ANCHORS: [[f32; 2]; 2] = [[0.5, 7.0], [5.2, 3.2]];
+
+/// Applies one hard-associated range to the reduced filter.
+fn innovation<const A: usize, const V: usize>(
+    filter: &StateFilter<A, V>,
+    source: Source,
+    range_m: f32,
+    variance_m2: f32,
+) -> Innovation {
+    let sight = Sight { anchor_m: ANCHORS[source.anchor()], height_m: 0.0 };
+    let regression = filter.regress(source, &sight).expect("an occupied source");
+    let nu = range_m - regression.range_m;
+    Innovation { regression, weight: 1.0, first_m: nu, second_m2: nu * nu, variance_m2 }
+}
+
+#[test]
+fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
+    let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(11));
+    let motion = Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 };
+    let true_vas = [[-0.5_f64, 7.0], [11.5, 7.0], [0.5, -7.0], [6.8, 3.2], [5.2, -3.2], [5.2, 13.8]];
+    let mut filter = StateFilter::<2, 8>::new(motion, [3.02, 7.80], 0.1, 0.03, 0.0, 0.0);
+    let n = 4 + 2 * true_vas.len();
+    let mut textbook = Textbook { x: DVector::zeros(n), p: DMatrix::zeros(n, n) };
+    for (i, deviation) in [0.1_f64, 0.1, 0.03, 0.03].iter().enumerate() {
+        textbook.p[(i, i)] = deviation * deviation;
+    }
+    textbook.x[0] = f64::from(3.02_f32);
+    textbook.x[1] = f64::from(7.80_f32);
+    for (slot, [x, y]) in true_vas.iter().enumerate() {
+        let guess = [(x + 0.05 * noise.normal()) as f32, (y + 0.05 * noise.normal()) as f32];
+        assert!(filter.insert_independent(slot, guess, 0.05));
+        for axis in 0..2 {
+            let i = 4 + 2 * slot + axis;
+            textbook.x[i] = f64::from(guess[axis]);
+            textbook.p[(i, i)] = 0.0025;
+        }
+    }
+    let mut worst: f64 = 0.0;
+    let mut squared = 0.0;
+    for cycle in 0..1000 {
+        // A slow circle: 1 cm per cycle.
+        let angle = 0.01 * f64::from(cycle) / 1.2;
+        let truth = [1.8 + 1.2 * angle.cos(), 7.8 - 1.5 + 1.5 * (angle + 1.57).sin()];
+        filter.predict(1.0);
+        textbook.predict(1.0, 0.01, 1e-4);
+        let deviation = 0.02;
+        let sources: Vec<(Source, [f64; 2])> = (0..2)
+            .map(|anchor| (Source::Direct { anchor }, ANCHORS[anchor].map(f64::from)))
+            .chain(
+                true_vas
+                    .iter()
+                    .enumerate()
+                    .map(|(slot, a)| (Source::Virtual { anchor: usize::from(slot > 2), slot }, *a)),
+            )
+            .collect();
+        let ranges: Vec<f32> = sources
+            .iter()
+            .map(|(_, [x, y])| ((truth[0] - x).hypot(truth[1] - y) + deviation * noise.normal()) as f32)
+            .collect();
+        let innovations: Vec<Innovation> = sources
+            .iter()
+            .zip(&ranges)
+            .map(|((source, _), z)| innovation(&filter, *source, *z, (deviation * deviation) as f32))
+            .collect();
+        filter.update(innovations);
+        let z = DVector::from_iterator(ranges.len(), ranges.iter().map(|z| f64::from(*z)));
+        textbook.update(&z, deviation * deviation, |x| {
+            DVector::from_iterator(
+                sources.len(),
+                sources.iter().map(|(source, anchor)| {
+                    let [ax, ay] = match source {
+                        Source::Direct { .. } => *anchor,
+                        Source::Virtual { slot, .. } => [x[4 + 2 * slot], x[5 + 2 * slot]],
+                    };
+                    (x[0] - ax).hypot(x[1] - ay)
+                }),
+            )
+        });
+        let [x, y] = filter.position_m().map(f64::from);
+        worst = worst.max((x - textbook.x[0]).hypot(y - textbook.x[1]));
+        squared += (x - truth[0]).powi(2) + (y - truth[1]).powi(2);
+    }
+    let rmse = (squared / 1000.0_f64).sqrt();
+    println!("largest distance to the textbook filter {:.3} mm, RMSE {:.1} mm", worst * 1e3, rmse * 1e3);
+    assert!(worst < 5e-3, "{worst} m from the textbook filter");
+    assert!(rmse < 0.03, "{rmse} m from the truth: the comparison must be on a working track");
+}
+
+#[test]
+fn the_order_of_measurements_within_a_cycle_does_not_matter() {
+    let motion = Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 };
+    let mut forwards = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
+    assert!(forwards.insert_independent(0, [-0.5, 7.0], 0.2));
+    let mut backwards = forwards.clone();
+    forwards.predict(1.0);
+    backwards.predict(1.0);
+    let ranges = [
+        (Source::Direct { anchor: 0 }, 2.6),
+        (Source::Direct { anchor: 1 }, 4.4),
+        (Source::Virtual { anchor: 0, slot: 0 }, 3.6),
+    ];
+    let innovations = ranges.map(|(source, z)| innovation(&forwards, source, z, 1e-3));
+    forwards.update(innovations);
+    backwards.update(innovations.into_iter().rev());
+    for (a, b) in forwards.position_m().iter().zip(backwards.position_m()) {
+        assert!((a - b).abs() < 1e-5, "{a} {b}");
+    }
+}
+
+/// Cholesky pivots, in f64, of the covariance over the occupied states; the least, relative to its diagonal.
+fn least_pivot(filter: &StateFilter<2, 24>) -> f64 {
+    let mut numbers = Vec::new();
+    filter.visit(|v| numbers.push(f64::from(v)));
+    // Order of `visit`: means (4, 2 biases, 48), C_xx (16, by columns), C_xb (2 x 4), C_bb (4), then per virtual
+    // anchor C_xa (8, by columns), C_ba (2 x 2), C_aa up to its own (4 each, by columns).
+    let n = 4 + 48;
+    let mut c = DMatrix::<f64>::zeros(n, n);
+    let mut at = 4 + 2 + 48;
+    for column in 0..4 {
+        for row in 0..4 {
+            c[(row, column)] = numbers[at];
+            at += 1;
+        }
+    }
+    at += 8 + 4;
+    for k in 0..24 {
+        for column in 0..2 {
+            for row in 0..4 {
+                c[(row, 4 + 2 * k + column)] = numbers[at];
+                c[(4 + 2 * k + column, row)] = numbers[at];
+                at += 1;
+            }
+        }
+        at += 4;
+        for l in 0..=k {
+            for column in 0..2 {
+                for row in 0..2 {
+                    c[(4 + 2 * k + row, 4 + 2 * l + column)] = numbers[at];
+                    c[(4 + 2 * l + column, 4 + 2 * k + row)] = numbers[at];
+                    at += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(at, numbers.len());
+    let mut least = f64::INFINITY;
+    for i in 0..n {
+        let diagonal = c[(i, i)];
+        for k in 0..i {
+            let factor = c[(i, k)];
+            let d = c[(k, k)];
+            for j in i..n {
+                let other = c[(j, k)];
+                c[(j, i)] -= factor * other / d;
+            }
+        }
+        least = least.min(c[(i, i)] / diagonal);
+    }
+    least
+}
+
+/// Cycles of the definiteness test: a quick share by default, COGMINT_PD_CYCLES for the full million.
+fn definiteness_cycles() -> usize {
+    std::env::var("COGMINT_PD_CYCLES").ok().and_then(|n| n.parse().ok()).unwrap_or(6_000)
+}
+
+#[test]
+fn the_covariance_stays_positive_definite_at_full_size() {
+    for deviation in [1e-3_f64, 1e-2, 1.0] {
+        for prior in [0.03_f32, 10.0] {
+            let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(3));
+            let motion = Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 };
+            let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], prior, 0.03, 0.0, 0.0);
+            let mut images = Vec::new();
+            for slot in 0..24 {
+                let image = [20.0 * noise.uniform() - 7.0, 20.0 * noise.uniform() - 5.0];
+                let guess = image.map(|x| (x + f64::from(prior) * 0.3 * noise.normal()) as f32);
+                assert!(filter.insert_independent(slot, guess, prior));
+                images.push(image);
+            }
+            let mut least = f64::INFINITY;
+            let cycles = definiteness_cycles();
+            for cycle in 0..cycles {
+                let angle = 0.003 * cycle as f64;
+                let truth = [3.0 + angle.sin(), 6.0 + angle.cos()];
+                filter.predict(0.1);
+                let mut innovations = Vec::new();
+                for (anchor, [x, y]) in ANCHORS.iter().enumerate() {
+                    let range = (truth[0] - f64::from(*x)).hypot(truth[1] - f64::from(*y));
+                    let z = (range + deviation * noise.normal()) as f32;
+                    let r = (deviation * deviation) as f32;
+                    innovations.push(innovation(&filter, Source::Direct { anchor }, z, r));
+                }
+                for (slot, [x, y]) in images.iter().enumerate() {
+                    if noise.uniform() < 0.2 {
+                        continue;
+                    }
+                    let z = ((truth[0] - x).hypot(truth[1] - y) + deviation * noise.normal()) as f32;
+                    let source = Source::Virtual { anchor: slot % 2, slot };
+                    innovations.push(innovation(&filter, source, z, (deviation * deviation) as f32));
+                }
+                filter.update(innovations);
+                if cycle < 100 || cycle % 200 == 0 {
+                    least = least.min(least_pivot(&filter));
+                    assert!(
+                        least > 0.0,
+                        "deviation {deviation} m, prior {prior} m, cycle {cycle}: relative pivot {least:e}"
+                    );
+                }
+            }
+            println!(
+                "deviation {deviation} m, prior {prior} m: least relative pivot {least:.1e} in {cycles} cycles"
+            );
+        }
+    }
+}
