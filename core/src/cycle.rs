@@ -674,6 +674,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         (&self.values, &self.policy)
     }
 
+    /// Mean number of measurements per scan of each anchor that nothing known explains.
+    pub fn unexplained(&self) -> &[f32; ANCHORS] {
+        &self.unexplained
+    }
+
     /// The configuration.
     pub fn config(&self) -> &Config {
         &self.config

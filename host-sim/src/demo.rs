@@ -120,7 +120,5 @@ pub fn picture(room: &Room, runs: &[Run]) -> Picture {
     let entropy = over_cycles("Entropy of the position", "entropy in nat", false, &|run, n| {
         f64::from(run.steps[n].report.entropy_nat)
     });
-    Picture {
-        rows: vec![vec![Panel::Track(track)], vec![error.into()], vec![carrier.into()], vec![entropy.into()]],
-    }
+    Picture { rows: vec![vec![Panel::Track(track), error.into()], vec![carrier.into(), entropy.into()]] }
 }

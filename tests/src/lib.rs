@@ -1,1 +1,53 @@
-//! What crosses crates; the tests are in `tests/tests/`.
+//! What crosses crates: bit-exactness, golden traces, published claims, the command line, the target.
+//!
+//! The tests are in `tests/tests/`; here is what they share.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The workspace's root.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// A folder of the recordings that nobody here made, which lie beside a checkout and not in it; says so and gives
+/// `None` where they are not there.
+pub fn shared_data(name: &str) -> Option<PathBuf> {
+    let folder = root().join("../shared/data").join(name);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    println!("skipped: there is no {}", folder.display());
+    None
+}
+
+/// Runs the `cogmint` command in a folder and waits for it.
+pub fn cogmint(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO"));
+    command.args(["run", "--quiet", "--release", "-p", "cogmint", "--manifest-path"]);
+    command.arg(root().join("Cargo.toml")).arg("--").args(arguments);
+    command.current_dir(folder).output().expect("cargo runs")
+}
+
+/// A folder of a test's own, removed in the end.
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// Makes the folder; `name` must differ between tests.
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("cogmint-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&path).expect("a temporary folder");
+        Self(path)
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}

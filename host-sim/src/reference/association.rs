@@ -171,11 +171,7 @@ pub fn associate<T: Real>(
 }
 
 /// psi_km; zero outside the gate.
-fn likelihood<T: Real>(
-    feature: &Expectation<T>,
-    measurement: &Measurement<T>,
-    clutter: &Clutter<T>,
-) -> T {
+fn likelihood<T: Real>(feature: &Expectation<T>, measurement: &Measurement<T>, clutter: &Clutter<T>) -> T {
     let innovation = measurement.range_m - feature.range_m;
     let variance = feature.variance_m2 + measurement.variance_m2;
     let nis = square(innovation) / variance;
@@ -190,11 +186,7 @@ fn likelihood<T: Real>(
 
 /// First-arrival rule: nothing unmapped is shorter than the direct path, so each measurement more than two deviations
 /// shorter than m must be a false alarm if m is the direct path.
-fn discount_later_arrivals<T: Real>(
-    psi: &mut [T],
-    measurements: &[Measurement<T>],
-    clutter: &Clutter<T>,
-) {
+fn discount_later_arrivals<T: Real>(psi: &mut [T], measurements: &[Measurement<T>], clutter: &Clutter<T>) {
     let cost = clutter.false_alarms_per_m / clutter.all_per_m;
     for m in 0..measurements.len() {
         let clearly_shorter = measurements[m].range_m - T::of(2.0) * sqrt(measurements[m].variance_m2);

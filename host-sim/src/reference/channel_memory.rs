@@ -183,7 +183,10 @@ impl<T: Real> ChannelMemory<T> {
                     f(format_args!("sample count of {kind} {index} at action {action}"), moments.count);
                     f(format_args!("first moment of {kind} {index} at action {action}"), moments.first);
                     f(format_args!("second moment of {kind} {index} at action {action}"), moments.second);
-                    f(format_args!("instant ln SINR of {kind} {index} at action {action}"), moments.instant_ln);
+                    f(
+                        format_args!("instant ln SINR of {kind} {index} at action {action}"),
+                        moments.instant_ln,
+                    );
                 }
             }
         }

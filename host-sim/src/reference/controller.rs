@@ -278,8 +278,7 @@ pub fn plan_one<T: Real>(
             let map = square(ux) * c[0][0] + num(2.0) * (ux * uy) * c[1][0] + square(uy) * c[1][1];
             information.add(slope, unit / memory.sinr(source.source, action) + floor + map);
         }
-        let predicted =
-            predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
+        let predicted = predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
         let posterior = information.posterior(&predicted);
         total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
         weights += weight;

@@ -4,7 +4,9 @@ use super::Matrix;
 use super::association::{Beliefs, Clutter, Expectation, Measurement, associate};
 use super::channel_estimator::{ChannelEstimate, ChannelEstimator};
 use super::channel_memory::ChannelMemory;
-use super::controller::{Horizon, Library, Outlook, Visible, choose, learn, plan_one, planned_set, policy, reward};
+use super::controller::{
+    Horizon, Library, Outlook, Visible, choose, learn, plan_one, planned_set, policy, reward,
+};
 use super::discovery::{Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::information::position_entropy_nat;
@@ -214,9 +216,8 @@ impl<T: Real> Reference<T> {
 
     /// Height of each anchor above the tag; 0 where the tag's is unknown.
     fn heights(&self, tag_height_m: Option<f32>) -> Vec<T> {
-        let height = |anchor: &Anchor| {
-            tag_height_m.map_or(T::ZERO, |tag| T::of(anchor.height_m) - T::of(tag))
-        };
+        let height =
+            |anchor: &Anchor| tag_height_m.map_or(T::ZERO, |tag| T::of(anchor.height_m) - T::of(tag));
         self.anchors.iter().map(height).collect()
     }
 
@@ -512,8 +513,7 @@ impl<T: Real> Reference<T> {
                 }
             }
             self.policy = policy(&self.values, count, temperature);
-            self.action =
-                choose(&self.values, &self.policy, count, self.action, &settings.choice, &mut rng);
+            self.action = choose(&self.values, &self.policy, count, self.action, &settings.choice, &mut rng);
         }
 
         report.position_m = self.filter.position_m();

@@ -176,10 +176,7 @@ impl<T: Real> Discovery<T> {
                         ("weight", hypothesis.weight),
                     ];
                     for (name, value) in numbers {
-                        f(
-                            format_args!("{name} of hypothesis {h} of candidate {i} of anchor {j}"),
-                            value,
-                        );
+                        f(format_args!("{name} of hypothesis {h} of candidate {i} of anchor {j}"), value);
                     }
                 }
             }

@@ -31,11 +31,12 @@ pub fn determinant<T: Real>(c: &Matrix<T>) -> T {
         pivot = larger(pivot, if j == 0 { least } else { T::ZERO });
         let safe = larger(pivot, least);
         for i in j + 1..AGENT {
-            e[i][j] = c[i][j];
+            let mut entry = c[i][j];
             for k in 0..j {
-                e[i][j] -= l[i][k] * e[j][k];
+                entry -= l[i][k] * e[j][k];
             }
-            l[i][j] = e[i][j] / safe;
+            e[i][j] = entry;
+            l[i][j] = entry / safe;
         }
         product *= pivot;
     }

@@ -48,12 +48,7 @@ pub(super) fn estimate<T: Real>(
 }
 
 /// Whether a stronger peak explains one.
-fn is_shadowed<T: Real>(
-    estimator: &ChannelEstimator<T>,
-    position: T,
-    energy: T,
-    peaks: &[(T, T)],
-) -> bool {
+fn is_shadowed<T: Real>(estimator: &ChannelEstimator<T>, position: T, energy: T, peaks: &[(T, T)]) -> bool {
     for &(at, stronger) in peaks {
         let distance = abs(position - at);
         let side_lobe = energy < T::of(SIDE_LOBE) * stronger;

@@ -1,0 +1,950 @@
+//! The core against the float reference, number by number.
+//!
+//! Both run over the same recording. After every cycle each number the core computed on its way or keeps is compared
+//! with the reference's, bit for bit; the first that differs is named. Along runs the reference in `f64`: how far its
+//! position is from the core's is what `f32` costs. Rounding can also tip a decision (which measurement is whose, what
+//! is in the map, which action comes next); from there on the two runs legitimately part, so the errors before are
+//! told apart.
+
+use crate::input_error::InputError;
+use crate::recording::Recording;
+use crate::reference::cycle::Intermediates;
+use crate::reference::{Capacity, Reference};
+use crate::replay::{ACTIONS, LARGE_ANCHORS, PATHS, SMALL_ANCHORS, Setup, Step, VAS, inputs, step};
+use cogmint_core::Tracker;
+use cogmint_core::observer::Observer;
+use cogmint_core::perceptor::association::{Belief, Beliefs, Measurement};
+use cogmint_core::perceptor::channel_estimator::ChannelEstimate;
+use cogmint_core::trace::TraceHash;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+
+/// The outcome of a verification.
+#[derive(Clone, Debug, Serialize)]
+pub struct Verification {
+    /// Cycles compared, the one with the first difference included.
+    pub cycles: usize,
+    /// Numbers compared.
+    pub compared: u64,
+    /// Whether all had equal bits.
+    pub equal: bool,
+    /// The first number that did not; the comparison ends with its cycle.
+    pub first_difference: Option<Difference>,
+    /// How many of the core's numbers were NaN: none ever should be.
+    pub not_a_number: u64,
+    /// What happened in the cycles compared.
+    pub covered: Coverage,
+    /// Largest distance between the core's position and that of the reference in `f64`, metres.
+    pub f64_position_error_max_m: f64,
+    /// Root mean square of that distance, metres.
+    pub f64_position_error_rms_m: f64,
+    /// Where the `f64` reference first decided otherwise than the `f32` reference.
+    pub f64_first_decision_difference: Option<DecisionDifference>,
+    /// Largest distance in the cycles before that, metres.
+    pub f64_position_error_before_max_m: f64,
+    /// Root mean square of the distance in the cycles before that, metres.
+    pub f64_position_error_before_rms_m: f64,
+    /// How the largest distance grew.
+    pub f64_growth: Vec<Growth>,
+}
+
+/// A number of which core and reference disagree.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// The cycle, counted from 0.
+    pub cycle: usize,
+    /// The stage that computes it.
+    pub stage: &'static str,
+    /// Its name.
+    pub quantity: String,
+    /// What the core computed.
+    pub core: Number,
+    /// What the reference computed.
+    pub reference: Number,
+}
+
+/// A number and its bits.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Number {
+    /// The value.
+    pub value: f64,
+    /// Its bits, in hexadecimal; those of a count are the count.
+    pub bits: String,
+}
+
+/// What a verification has been through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Coverage {
+    /// Frames estimated.
+    pub frames: u64,
+    /// Paths found in them.
+    pub paths: u64,
+    /// Measurements (ranges and paths) associated or not.
+    pub measurements: u64,
+    /// Virtual anchors discovered.
+    pub discovered: u64,
+    /// Virtual anchors forgotten.
+    pub forgotten: u64,
+    /// Changes of action.
+    pub action_changes: u64,
+    /// Cycles whose observations the core refused.
+    pub refused_cycles: u64,
+}
+
+/// A decision that rounding tipped.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct DecisionDifference {
+    /// The cycle, counted from 0.
+    pub cycle: usize,
+    /// What was decided.
+    pub decision: String,
+}
+
+/// Largest position error against `f64` up to some cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Growth {
+    /// Cycles run.
+    pub cycles: usize,
+    /// Largest distance in them, metres.
+    pub error_max_m: f64,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { cycle, stage, quantity, core, reference } = self;
+        write!(
+            f,
+            "cycle {cycle}, {stage}: {quantity} is {} ({}) in the core, {} ({}) in the reference",
+            core.value, core.bits, reference.value, reference.bits
+        )
+    }
+}
+
+/// Compares core and reference over a recording, or its first `max_cycles`. `on_progress` is told the number of cycles
+/// done. For `seed`, see [`Setup::new`].
+///
+/// # Errors
+/// The core refuses the recording's set-up, or a cycle's time or height.
+pub fn verify(
+    recording: &Recording,
+    file: &Path,
+    seed: Option<u64>,
+    max_cycles: Option<usize>,
+    on_progress: impl FnMut(usize),
+) -> Result<Verification, InputError> {
+    let setup = Setup::new(recording, file, seed)?;
+    verify_setup(&setup, recording, file, max_cycles, on_progress)
+}
+
+/// [`verify`] with a set-up of one's own.
+///
+/// # Errors
+/// The core refuses the set-up, or a cycle's time or height.
+pub fn verify_setup(
+    setup: &Setup,
+    recording: &Recording,
+    file: &Path,
+    max_cycles: Option<usize>,
+    on_progress: impl FnMut(usize),
+) -> Result<Verification, InputError> {
+    let most = max_cycles.unwrap_or(usize::MAX);
+    compare(setup, [recording, recording], file, most, on_progress)
+}
+
+/// The core runs on the first recording, the reference on the second.
+fn compare(
+    setup: &Setup,
+    recordings: [&Recording; 2],
+    file: &Path,
+    most: usize,
+    on_progress: impl FnMut(usize),
+) -> Result<Verification, InputError> {
+    if setup.anchors.len() <= SMALL_ANCHORS {
+        run::<SMALL_ANCHORS>(setup, recordings, file, most, on_progress)
+    } else {
+        run::<LARGE_ANCHORS>(setup, recordings, file, most, on_progress)
+    }
+}
+
+fn run<const A: usize>(
+    setup: &Setup,
+    [for_core, for_reference]: [&Recording; 2],
+    file: &Path,
+    most: usize,
+    mut on_progress: impl FnMut(usize),
+) -> Result<Verification, InputError> {
+    let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
+    let mut single: Reference<f32> = twin::<f32, A>(setup);
+    let mut double: Reference<f64> = twin::<f64, A>(setup);
+    let mut comparison = Comparison::default();
+    let mut errors = ErrorGrowth::default();
+    let mut covered = Coverage::default();
+    let pairs = inputs(for_core).zip(inputs(for_reference)).take(most);
+    for (cycle, (core_input, reference_input)) in pairs.enumerate() {
+        comparison.cycle = cycle;
+        let mut watch = Watch::default();
+        let taken = step(&mut tracker, &core_input, &mut watch)
+            .map_err(|error| InputError::new(file, format!("cycle {cycle} is refused: {error}")))?;
+        // The reference knows no refusal: it sees what the core accepted.
+        let mut observations = reference_input.observations();
+        if taken.refused.is_some() {
+            observations.clear();
+        }
+        let (elapsed_s, height_m) = (reference_input.elapsed_s, reference_input.tag_height_m);
+        let ours = single.cycle(&observations, elapsed_s, height_m);
+        let precise = double.cycle(&observations, elapsed_s, height_m);
+
+        comparison.intermediates(&watch, &ours);
+        comparison.state(&tracker, &single);
+        comparison.report(&taken, &ours);
+        comparison.hash("hash of all state", taken.hash, state_hash(&single));
+
+        covered.add(&taken, &watch);
+        let decided = decision_difference(&single, &ours, &double, &precise);
+        errors.add(cycle, distance(taken.report.position_m, precise.report.position_m), decided);
+        on_progress(cycle + 1);
+        if comparison.first.is_some() {
+            break;
+        }
+    }
+    Ok(Verification {
+        cycles: errors.all.count,
+        compared: comparison.compared,
+        equal: comparison.first.is_none(),
+        first_difference: comparison.first,
+        not_a_number: comparison.not_a_number,
+        covered,
+        f64_position_error_max_m: errors.all.max,
+        f64_position_error_rms_m: errors.all.rms(),
+        f64_position_error_before_max_m: errors.before.max,
+        f64_position_error_before_rms_m: errors.before.rms(),
+        f64_growth: errors.growth(),
+        f64_first_decision_difference: errors.first,
+    })
+}
+
+/// The reference of a set-up, with the sizes of the core's type.
+fn twin<T: crate::reference::Real, const A: usize>(setup: &Setup) -> Reference<T> {
+    let capacity = Capacity { anchors: A, virtual_anchors: VAS, paths: PATHS, actions: ACTIONS };
+    Reference::new(setup.config, &setup.anchors, &setup.map, &setup.actions, setup.seed, capacity)
+}
+
+fn distance(a: [f32; 2], b: [f64; 2]) -> f64 {
+    (f64::from(a[0]) - b[0]).hypot(f64::from(a[1]) - b[1])
+}
+
+/// What the core let be seen of a cycle.
+#[derive(Default)]
+struct Watch {
+    estimates: Vec<(usize, ChannelEstimate<PATHS>)>,
+    scans: Vec<(usize, Vec<Measurement>, Beliefs<VAS, PATHS>)>,
+}
+
+impl Observer<VAS, PATHS> for Watch {
+    fn estimate(&mut self, anchor: usize, estimate: &ChannelEstimate<PATHS>) {
+        self.estimates.push((anchor, estimate.clone()));
+    }
+
+    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
+        self.scans.push((anchor, measurements.to_vec(), beliefs.clone()));
+    }
+}
+
+/// Compares numbers and keeps the first difference.
+#[derive(Default)]
+struct Comparison {
+    cycle: usize,
+    compared: u64,
+    not_a_number: u64,
+    first: Option<Difference>,
+}
+
+impl Comparison {
+    fn float(&mut self, stage: &'static str, quantity: fmt::Arguments<'_>, core: f32, reference: f32) {
+        self.not_a_number += u64::from(core.is_nan());
+        let number = |x: f32| Number { value: f64::from(x), bits: format!("{:#010x}", x.to_bits()) };
+        let equal = core.to_bits() == reference.to_bits();
+        self.note(equal, stage, quantity, || [number(core), number(reference)]);
+    }
+
+    fn count(
+        &mut self,
+        stage: &'static str,
+        quantity: fmt::Arguments<'_>,
+        core: impl TryInto<u64>,
+        reference: impl TryInto<u64>,
+    ) {
+        let [core, reference] =
+            [core.try_into().unwrap_or(u64::MAX), reference.try_into().unwrap_or(u64::MAX)];
+        let number = |x: u64| Number { value: x as f64, bits: format!("{x:#010x}") };
+        self.note(core == reference, stage, quantity, || [number(core), number(reference)]);
+    }
+
+    fn hash(&mut self, quantity: &str, core: u64, reference: u64) {
+        let number = |x: u64| Number { value: x as f64, bits: format!("{x:#018x}") };
+        let numbers = || [number(core), number(reference)];
+        self.note(core == reference, "done", format_args!("{quantity}"), numbers);
+    }
+
+    fn note(
+        &mut self,
+        equal: bool,
+        stage: &'static str,
+        quantity: fmt::Arguments<'_>,
+        numbers: impl FnOnce() -> [Number; 2],
+    ) {
+        self.compared += 1;
+        if !equal && self.first.is_none() {
+            let [core, reference] = numbers();
+            let quantity = quantity.to_string();
+            self.first = Some(Difference { cycle: self.cycle, stage, quantity, core, reference });
+        }
+    }
+
+    /// The core's numbers against the reference's, named, in the same order.
+    fn list(
+        &mut self,
+        stage: &'static str,
+        what: &str,
+        core: &[f32],
+        visit: impl FnOnce(&mut dyn FnMut(fmt::Arguments<'_>, f32)),
+    ) {
+        let mut at = 0;
+        visit(&mut |quantity, reference| {
+            if let Some(value) = core.get(at) {
+                self.float(stage, quantity, *value, reference);
+            }
+            at += 1;
+        });
+        self.count(stage, format_args!("number of numbers in {what}"), core.len(), at);
+    }
+
+    /// Paths, noise, measurements and beliefs.
+    fn intermediates(&mut self, core: &Watch, reference: &Intermediates<f32>) {
+        let stage = "estimate";
+        self.count(stage, format_args!("number of frames"), core.estimates.len(), reference.estimates.len());
+        for ((anchor, ours), (same, theirs)) in core.estimates.iter().zip(&reference.estimates) {
+            self.count(stage, format_args!("anchor of a frame"), *anchor, *same);
+            self.count(
+                stage,
+                format_args!("number of paths of anchor {anchor}"),
+                ours.paths.len(),
+                theirs.paths.len(),
+            );
+            let mut float =
+                |name: fmt::Arguments<'_>, core, reference| self.float(stage, name, core, reference);
+            float(format_args!("white noise of anchor {anchor}"), ours.noise.white, theirs.noise.white);
+            float(format_args!("dense multipath of anchor {anchor}"), ours.noise.dense, theirs.noise.dense);
+            for (k, (a, b)) in ours.paths.iter().zip(&theirs.paths).enumerate() {
+                float(format_args!("delay of path {k} of anchor {anchor}"), a.delay_s, b.delay_s);
+                for (part, name) in ["real", "imaginary"].into_iter().enumerate() {
+                    float(
+                        format_args!("{name} part of path {k} of anchor {anchor}"),
+                        a.amplitude[part],
+                        b.amplitude[part],
+                    );
+                }
+                float(format_args!("SINR of path {k} of anchor {anchor}"), a.sinr, b.sinr);
+                float(
+                    format_args!("delay variance of path {k} of anchor {anchor}"),
+                    a.delay_variance_s2,
+                    b.delay_variance_s2,
+                );
+            }
+        }
+        let stage = "associate";
+        self.count(stage, format_args!("number of anchors heard"), core.scans.len(), reference.heard.len());
+        for ((anchor, measurements, beliefs), theirs) in core.scans.iter().zip(&reference.heard) {
+            self.count(stage, format_args!("anchor heard"), *anchor, theirs.scan.anchor);
+            self.measurements(*anchor, measurements, &theirs.scan.measurements);
+            self.beliefs(*anchor, beliefs, theirs);
+        }
+    }
+
+    fn measurements(
+        &mut self,
+        anchor: usize,
+        core: &[Measurement],
+        reference: &[crate::reference::association::Measurement<f32>],
+    ) {
+        let stage = "associate";
+        self.count(
+            stage,
+            format_args!("number of measurements of anchor {anchor}"),
+            core.len(),
+            reference.len(),
+        );
+        for (m, (a, b)) in core.iter().zip(reference).enumerate() {
+            let numbers = [
+                ("range", a.range_m, b.range_m),
+                ("variance", a.variance_m2, b.variance_m2),
+                ("SINR", a.sinr, b.sinr),
+                ("energy", a.energy, b.energy),
+            ];
+            for (name, a, b) in numbers {
+                self.float(stage, format_args!("{name} of measurement {m} of anchor {anchor}"), a, b);
+            }
+        }
+    }
+
+    fn beliefs(
+        &mut self,
+        anchor: usize,
+        core: &Beliefs<VAS, PATHS>,
+        reference: &crate::reference::cycle::AssociatedScan<f32>,
+    ) {
+        use cogmint_core::perceptor::state_filter::Source;
+        let stage = "associate";
+        let theirs = &reference.beliefs;
+        let features: Vec<&Belief<PATHS>> = core.features().collect();
+        self.count(
+            stage,
+            format_args!("number of features of anchor {anchor}"),
+            features.len(),
+            theirs.features.len(),
+        );
+        self.count(stage, format_args!("iterations of anchor {anchor}"), core.iterations, theirs.iterations);
+        let sources = reference.regressions.iter().map(|regression| regression.source);
+        for ((a, b), source) in features.into_iter().zip(&theirs.features).zip(sources) {
+            let name = match source {
+                Source::Direct { anchor } => format!("direct path of anchor {anchor}"),
+                Source::Virtual { slot, .. } => format!("virtual anchor {slot}"),
+            };
+            self.float(stage, format_args!("belief that {name} was missed"), a.missed, b.missed);
+            self.float(stage, format_args!("existence of {name}"), a.existence, b.existence);
+            for (m, (p, q)) in a.associated.iter().zip(&b.associated).enumerate() {
+                self.float(stage, format_args!("belief that {name} gave measurement {m}"), *p, *q);
+            }
+        }
+        for (m, (p, q)) in core.unassociated.iter().zip(&theirs.unassociated).enumerate() {
+            let quantity = format_args!("belief that nothing known gave measurement {m} of anchor {anchor}");
+            self.float(stage, quantity, *p, *q);
+        }
+    }
+
+    /// All state after a cycle.
+    fn state<const A: usize>(&mut self, core: &Tracker<A, VAS, PATHS, ACTIONS>, reference: &Reference<f32>) {
+        let mut numbers = Vec::new();
+        core.filter().visit(|value| numbers.push(value));
+        self.list("update", "the state filter", &numbers, |f| reference.filter.visit(f));
+
+        let stage = "remember";
+        for slot in 0..VAS {
+            let (ours, theirs) = (core.environment().get(slot), &reference.environment.records[slot]);
+            let name = format_args!("presence of virtual anchor {slot}");
+            self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
+            if let (Some(a), Some(b)) = (ours, theirs) {
+                self.count(stage, format_args!("anchor of virtual anchor {slot}"), a.anchor, b.anchor);
+                self.float(
+                    stage,
+                    format_args!("kept existence of virtual anchor {slot}"),
+                    a.existence,
+                    b.existence,
+                );
+                self.count(stage, format_args!("misses of virtual anchor {slot}"), a.misses, b.misses);
+                self.count(stage, format_args!("hits of virtual anchor {slot}"), a.hits, b.hits);
+            }
+        }
+        numbers.clear();
+        core.channel().visit(|value| numbers.push(value));
+        self.list(stage, "the channel memory", &numbers, |f| reference.channel.visit(f));
+        for (anchor, (a, b)) in core.unexplained().iter().zip(&reference.unexplained).enumerate() {
+            self.float(stage, format_args!("mean of unexplained measurements of anchor {anchor}"), *a, *b);
+        }
+
+        let stage = "discover";
+        for anchor in 0..A {
+            self.count(
+                stage,
+                format_args!("number of candidates of anchor {anchor}"),
+                core.discovery().candidates(anchor),
+                reference.discovery.candidates(anchor),
+            );
+        }
+        numbers.clear();
+        core.discovery().visit(|value| numbers.push(value));
+        self.list(stage, "the candidates", &numbers, |f| reference.discovery.visit(f));
+
+        let stage = "act";
+        let (values, policy) = core.controller();
+        for (action, (a, b)) in values.values().iter().zip(&reference.values).enumerate() {
+            self.float(stage, format_args!("value of action {action}"), *a, *b);
+        }
+        for (action, (a, b)) in policy.iter().zip(&reference.policy).enumerate() {
+            self.float(stage, format_args!("policy of action {action}"), *a, *b);
+        }
+    }
+
+    fn report(&mut self, core: &Step, reference: &Intermediates<f32>) {
+        let (a, b) = (&core.report, &reference.report);
+        let stage = "report";
+        let (c, d) = (&a.position_covariance_m2, &b.position_covariance_m2);
+        let floats = [
+            ("position x", a.position_m[0], b.position_m[0]),
+            ("position y", a.position_m[1], b.position_m[1]),
+            ("position covariance xx", c.m11, d[0][0]),
+            ("position covariance xy", c.m12, d[0][1]),
+            ("position covariance yx", c.m21, d[1][0]),
+            ("position covariance yy", c.m22, d[1][1]),
+            ("predicted entropy", a.predicted_entropy_nat, b.predicted_entropy_nat),
+            ("entropy", a.entropy_nat, b.entropy_nat),
+            ("reward", a.reward, b.reward),
+            ("next carrier", a.next.carrier_hz, b.next.carrier_hz),
+            ("next pulse duration", a.next.pulse_duration_s, b.next.pulse_duration_s),
+        ];
+        for (name, a, b) in floats {
+            self.float(stage, format_args!("{name}"), a, b);
+        }
+        let counts = [
+            ("cycle", a.cycle, b.cycle),
+            ("anchors heard", a.anchors_heard, b.anchors_heard),
+            ("measurements", a.measurements, b.measurements),
+            ("associated", a.associated, b.associated),
+            ("discovered", a.discovered, b.discovered),
+            ("forgotten", a.forgotten, b.forgotten),
+            ("map full", a.map_full, b.map_full),
+        ];
+        for (name, a, b) in counts {
+            self.count(stage, format_args!("{name}"), a, b);
+        }
+        self.count(stage, format_args!("action"), a.action, b.action);
+        self.count(stage, format_args!("next action"), a.next_action, b.next_action);
+    }
+}
+
+/// The core's hash, over the reference's state: nothing kept escapes the comparison.
+fn state_hash(reference: &Reference<f32>) -> u64 {
+    let mut hash = TraceHash::default();
+    hash.word(reference.cycle);
+    hash.word(reference.action as u32);
+    reference.filter.visit(&mut |_, value| hash.float(value));
+    for (slot, record) in reference.environment.in_use() {
+        hash.word(slot as u32);
+        hash.word(record.anchor as u32);
+        hash.float(record.existence);
+        hash.word(u32::from(record.misses));
+        hash.word(record.hits);
+    }
+    reference.channel.visit(&mut |_, value| hash.float(value));
+    reference.discovery.visit(&mut |_, value| hash.float(value));
+    for value in reference.values.iter().chain(&reference.policy).chain(&reference.unexplained) {
+        hash.float(*value);
+    }
+    for last in &reference.last_sequence {
+        hash.word(u32::from(last.is_some()));
+        hash.word(last.unwrap_or(0));
+    }
+    hash.value()
+}
+
+/// The first discrete decision of a cycle on which the two precisions disagree.
+fn decision_difference(
+    single: &Reference<f32>,
+    ours: &Intermediates<f32>,
+    double: &Reference<f64>,
+    precise: &Intermediates<f64>,
+) -> Option<String> {
+    for ((anchor, a), (_, b)) in ours.estimates.iter().zip(&precise.estimates) {
+        if a.paths.len() != b.paths.len() {
+            return Some(format!("number of paths of anchor {anchor}"));
+        }
+    }
+    for (a, b) in ours.heard.iter().zip(&precise.heard) {
+        let anchor = a.scan.anchor;
+        if a.scan.measurements.len() != b.scan.measurements.len() {
+            return Some(format!("number of measurements of anchor {anchor}"));
+        }
+        if a.beliefs.most_probable() != b.beliefs.most_probable() {
+            return Some(format!("most probable association of anchor {anchor}"));
+        }
+    }
+    for anchor in 0..single.unexplained.len() {
+        if single.discovery.candidates(anchor) != double.discovery.candidates(anchor) {
+            return Some(format!("number of candidates of anchor {anchor}"));
+        }
+    }
+    for slot in 0..VAS {
+        let [a, b] = [
+            single.environment.records[slot].map(|record| record.anchor),
+            double.environment.records[slot].map(|record| record.anchor),
+        ];
+        if a != b {
+            return Some(format!("virtual anchor in slot {slot}"));
+        }
+    }
+    (single.action != double.action).then(|| "next action".to_owned())
+}
+
+impl Coverage {
+    fn add(&mut self, taken: &Step, watch: &Watch) {
+        let report = &taken.report;
+        self.frames += watch.estimates.len() as u64;
+        self.paths += watch.estimates.iter().map(|(_, estimate)| estimate.paths.len() as u64).sum::<u64>();
+        self.measurements += u64::from(report.measurements);
+        self.discovered += u64::from(report.discovered);
+        self.forgotten += u64::from(report.forgotten);
+        self.action_changes += u64::from(report.action != report.next_action);
+        self.refused_cycles += u64::from(taken.refused.is_some());
+    }
+}
+
+/// Maximum and root mean square.
+#[derive(Clone, Copy, Default)]
+struct Summary {
+    count: usize,
+    max: f64,
+    squares: f64,
+}
+
+impl Summary {
+    fn add(&mut self, error: f64) {
+        self.count += 1;
+        // A NaN stays.
+        if !(error <= self.max) && !self.max.is_nan() {
+            self.max = error;
+        }
+        self.squares += error * error;
+    }
+
+    fn rms(&self) -> f64 {
+        (self.squares / self.count.max(1) as f64).sqrt()
+    }
+}
+
+/// Errors against `f64`, over all cycles and over those before the first decision that differs.
+#[derive(Default)]
+struct ErrorGrowth {
+    all: Summary,
+    before: Summary,
+    first: Option<DecisionDifference>,
+    growth: Vec<Growth>,
+}
+
+impl ErrorGrowth {
+    fn add(&mut self, cycle: usize, error: f64, decided: Option<String>) {
+        if self.first.is_none() {
+            self.first = decided.map(|decision| DecisionDifference { cycle, decision });
+        }
+        self.all.add(error);
+        if self.first.is_none() {
+            self.before.add(error);
+        }
+        if self.all.count.is_power_of_two() {
+            self.growth.push(self.present());
+        }
+    }
+
+    fn present(&self) -> Growth {
+        Growth { cycles: self.all.count, error_max_m: self.all.max }
+    }
+
+    /// After 1, 2, 4, ... cycles, and at the end.
+    fn growth(&self) -> Vec<Growth> {
+        let mut growth = self.growth.clone();
+        if growth.last().is_some_and(|last| last.cycles < self.all.count) {
+            growth.push(self.present());
+        }
+        growth
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{
+        Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
+    };
+    use crate::reference::pulse::Pulse;
+    use cogmint_core::controller::reward::Reward;
+    use cogmint_core::perceptor::association::Mode;
+    use rand_core::{Rng, SeedableRng};
+    use rand_xoshiro::Xoshiro128PlusPlus;
+
+    const SPEED_OF_LIGHT_M_S: f64 = 299_792_458.0;
+    const SPACING_S: f64 = 0.25e-9;
+    /// Anchors, and images of them: the first two of each anchor stand from the start, the others are discovered.
+    const ANCHORS: [[f64; 2]; 2] = [[0.5, 7.0], [5.2, 3.2]];
+    const IMAGES: [(usize, [f64; 2]); 4] =
+        [(0, [-2.5, 7.0]), (1, [8.8, 3.2]), (0, [0.5, 10.4]), (1, [5.2, -2.2])];
+
+    /// What the anchors deliver.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Kind {
+        Ranges,
+        Complex,
+        Magnitude,
+        /// Complex frames, and in every third cycle a range of the direct path beside them.
+        Both,
+    }
+
+    fn noise(rng: &mut Xoshiro128PlusPlus) -> f64 {
+        // Sum of four uniform numbers, of variance 1.
+        let mut uniform = || f64::from(rng.next_u32()) / 4_294_967_296.0 - 0.5;
+        (uniform() + uniform() + uniform() + uniform()) * 3.0_f64.sqrt()
+    }
+
+    /// A tag on a circle. Images vanish in the last third, so that what was found is forgotten.
+    fn recording(kind: Kind, cycles: usize, samples: usize) -> Recording {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(5);
+        let actions: Vec<Action> = (0..6)
+            .map(|n| Action {
+                carrier_hz: 6.0e9 + 0.35e9 * f64::from(n),
+                pulse_duration_s: if n == 4 { 0.8e-9 } else { 0.5e-9 },
+            })
+            .collect();
+        let mut recording = Recording {
+            name: "made".into(),
+            source: "made for a test".into(),
+            motion: Motion { acceleration_std_m_s2: 0.1 },
+            start: Start {
+                position_m: [4.0, 6.0],
+                position_std_m: 0.2,
+                velocity_std_m_s: 0.2,
+                disc_radius_m: None,
+            },
+            association: AssociationModel {
+                detection_probability: 0.95,
+                clutter_per_anchor: 0.5,
+                max_range_m: 15.0,
+            },
+            radio: Radio {
+                pulse_duration_s: 0.5e-9,
+                roll_off: 0.6,
+                sample_spacing_s: Some(SPACING_S),
+                range_std_m: 0.02,
+                range_bias_mean_m: 0.0,
+                range_bias_std_m: 0.0,
+            },
+            anchors: ANCHORS
+                .iter()
+                .enumerate()
+                .map(|(n, position)| Anchor { name: format!("{n}"), position_m: *position, height_m: 2.0 })
+                .collect(),
+            virtual_anchors: IMAGES[..2]
+                .iter()
+                .map(|(anchor, position_m)| VirtualAnchor {
+                    anchor: *anchor,
+                    position_m: *position_m,
+                    std_m: 0.05,
+                    known: true,
+                })
+                .collect(),
+            actions,
+            cycles: Vec::new(),
+        };
+        for n in 0..cycles {
+            let angle = 0.02 * n as f64;
+            let position = [3.0 + angle.cos(), 6.0 + angle.sin()];
+            let mut cycle = Cycle { time_s: 0.1 * n as f64, ..Cycle::default() };
+            cycle.truth_position_m = Some(position);
+            for anchor in 0..2 {
+                let mut paths = vec![ANCHORS[anchor]];
+                if n * 3 < cycles * 2 {
+                    paths.extend(IMAGES.iter().filter(|(of, _)| *of == anchor).map(|(_, at)| *at));
+                }
+                let lengths: Vec<f64> =
+                    paths.iter().map(|[x, y]| (position[0] - x).hypot(position[1] - y)).collect();
+                if kind == Kind::Ranges || (kind == Kind::Both && n % 3 == 0) {
+                    let count = if kind == Kind::Both { 1 } else { lengths.len() };
+                    for length in &lengths[..count] {
+                        let range_m = length + 0.02 * noise(&mut rng);
+                        cycle.ranges.push(Range { anchor, range_m, std_m: None });
+                    }
+                    if kind == Kind::Ranges && rng.next_u32() % 2 == 0 {
+                        let range_m = 14.0 * f64::from(rng.next_u32()) / 4_294_967_296.0 + 0.5;
+                        cycle.ranges.push(Range { anchor, range_m, std_m: Some(0.05) });
+                    }
+                }
+                // One frame in nine is lost.
+                if kind != Kind::Ranges && rng.next_u32() % 9 != 0 {
+                    let action = n * 5 % 6;
+                    cycle.frames.push(Frame {
+                        anchor,
+                        action,
+                        first_sample_delay_s: 1e-9,
+                        samples: frame(kind, &recording.actions[action], &lengths, samples, &mut rng),
+                    });
+                }
+            }
+            recording.cycles.push(cycle);
+        }
+        recording
+    }
+
+    fn frame(
+        kind: Kind,
+        action: &Action,
+        lengths: &[f64],
+        samples: usize,
+        rng: &mut Xoshiro128PlusPlus,
+    ) -> Samples {
+        let pulse = Pulse { duration_s: action.pulse_duration_s, roll_off: 0.6 };
+        let mut response = Vec::new();
+        for n in 0..samples {
+            let mut sample = [0.03 * noise(rng), 0.03 * noise(rng)];
+            for length in lengths {
+                let delay_s = length / SPEED_OF_LIGHT_M_S;
+                let lag = (1e-9 + n as f64 * SPACING_S - delay_s) / action.pulse_duration_s;
+                let phase = -std::f64::consts::TAU * action.carrier_hz * delay_s;
+                let amplitude = pulse.autocorrelation(lag) * 2.0 / length;
+                sample[0] += amplitude * phase.cos();
+                sample[1] += amplitude * phase.sin();
+            }
+            response.push(sample);
+        }
+        match kind {
+            Kind::Magnitude => Samples::Magnitude(response.iter().map(|[x, y]| x.hypot(*y) as f32).collect()),
+            _ => Samples::Complex(response.iter().map(|sample| sample.map(|part| part as f32)).collect()),
+        }
+    }
+
+    fn setup(recording: &Recording) -> Setup {
+        Setup::new(recording, Path::new("made"), None).unwrap()
+    }
+
+    fn verified(setup: &Setup, recording: &Recording) -> Verification {
+        let outcome = verify_setup(setup, recording, Path::new("made"), None, |_| {}).unwrap();
+        assert!(outcome.equal, "{}", outcome.first_difference.unwrap());
+        assert_eq!(outcome.cycles, recording.cycles.len());
+        assert_eq!(outcome.not_a_number, 0);
+        outcome
+    }
+
+    #[test]
+    fn ranges_are_equal_while_virtual_anchors_come_and_go() {
+        let recording = recording(Kind::Ranges, 400, 0);
+        let covered = verified(&setup(&recording), &recording).covered;
+        assert!(covered.discovered > 0 && covered.forgotten > 0 && covered.action_changes > 0, "{covered:?}");
+    }
+
+    #[test]
+    fn ranges_are_equal_with_hard_decisions_biases_heights_and_a_long_horizon() {
+        let mut recording = recording(Kind::Ranges, 250, 0);
+        for (n, cycle) in recording.cycles.iter_mut().enumerate() {
+            // Now and then nobody knows the height.
+            cycle.tag_height_m = (n % 7 != 0).then_some(1.2);
+        }
+        let mut setup = setup(&recording);
+        setup.config.association.mode = Mode::Map;
+        setup.config.ranging.bias_mean_m = 0.05;
+        setup.config.ranging.bias_std_m = 0.1;
+        setup.config.controller.horizon = 5;
+        setup.config.controller.reward = Reward::EntropyChange;
+        setup.config.controller.planned_actions = 4;
+        setup.config.controller.choice.exploration = 0.5;
+        let covered = verified(&setup, &recording).covered;
+        assert!(covered.action_changes > 10, "{covered:?}");
+    }
+
+    #[test]
+    fn complex_frames_are_equal_for_every_reward() {
+        let recording = recording(Kind::Complex, 60, 200);
+        for (reward, horizon) in
+            [(Reward::InformationGain, 1), (Reward::EntropyChange, 5), (Reward::Published { scale: 1e24 }, 5)]
+        {
+            let mut setup = setup(&recording);
+            setup.config.controller.reward = reward;
+            setup.config.controller.horizon = horizon;
+            setup.config.controller.learning.bootstrap = horizon == 5;
+            let covered = verified(&setup, &recording).covered;
+            assert!(covered.paths > 3 * covered.frames && covered.action_changes > 0, "{covered:?}");
+        }
+    }
+
+    #[test]
+    fn frames_with_ranges_beside_them_are_equal() {
+        let mut recording = recording(Kind::Both, 60, 200);
+        recording.radio.range_bias_std_m = 0.1;
+        verified(&setup(&recording), &recording);
+    }
+
+    #[test]
+    fn magnitudes_are_equal() {
+        let recording = recording(Kind::Magnitude, 60, 200);
+        let covered = verified(&setup(&recording), &recording).covered;
+        assert!(covered.paths > covered.frames, "{covered:?}");
+    }
+
+    #[test]
+    fn more_than_two_anchors_are_equal() {
+        let mut recording = recording(Kind::Ranges, 40, 0);
+        let third = Anchor { name: "third".into(), position_m: [1.0, 1.0], height_m: 0.5 };
+        recording.anchors.push(third);
+        for cycle in &mut recording.cycles {
+            let [x, y] = cycle.truth_position_m.unwrap();
+            let range_m = (x - 1.0).hypot(y - 1.0);
+            cycle.ranges.push(Range { anchor: 2, range_m, std_m: Some(0.01) });
+        }
+        recording.radio.range_bias_std_m = 0.1;
+        verified(&setup(&recording), &recording);
+    }
+
+    #[test]
+    fn a_refused_cycle_is_an_empty_one_for_both() {
+        let mut recording = recording(Kind::Both, 12, 200);
+        recording.cycles[4].ranges.push(Range { anchor: 0, range_m: 1e3, std_m: None });
+        if let Samples::Complex(samples) = &mut recording.cycles[7].frames[0].samples {
+            samples[3] = [f32::NAN, 0.0];
+        }
+        assert_eq!(verified(&setup(&recording), &recording).covered.refused_cycles, 2);
+    }
+
+    #[test]
+    fn only_the_cycles_asked_for_are_run_and_progress_is_told() {
+        let recording = recording(Kind::Ranges, 20, 0);
+        let mut done = Vec::new();
+        let outcome = verify(&recording, Path::new("made"), Some(3), Some(5), |n| done.push(n)).unwrap();
+        assert!(outcome.equal && outcome.cycles == 5 && outcome.compared > 5000);
+        assert_eq!(done, [1, 2, 3, 4, 5]);
+        assert!(outcome.f64_position_error_max_m < 1e-3);
+    }
+
+    #[test]
+    fn one_bit_of_one_range_is_found_and_named() {
+        let recording = recording(Kind::Ranges, 20, 0);
+        let mut other = recording.clone();
+        let range = &mut other.cycles[11].ranges[0];
+        range.range_m = f64::from((range.range_m as f32).next_up());
+        let outcome =
+            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, |_| {}).unwrap();
+        let difference = outcome.first_difference.unwrap();
+        assert!(!outcome.equal && outcome.cycles == 12);
+        assert_eq!((difference.cycle, difference.stage), (11, "associate"));
+        assert_eq!(difference.quantity, "range of measurement 0 of anchor 0");
+        let bits = |n: &Number| u32::from_str_radix(&n.bits[2..], 16).unwrap();
+        assert_eq!(bits(&difference.core) + 1, bits(&difference.reference));
+        assert!(
+            difference.to_string().starts_with("cycle 11, associate: range of measurement 0 of anchor 0 is")
+        );
+    }
+
+    #[test]
+    fn one_bit_of_one_sample_is_found_in_the_channel_estimate() {
+        let recording = recording(Kind::Complex, 6, 200);
+        let mut other = recording.clone();
+        let Samples::Complex(samples) = &mut other.cycles[3].frames[0].samples else { panic!() };
+        let strongest = (0..200)
+            .max_by(|a, b| {
+                let power = |n: usize| samples[n][0].hypot(samples[n][1]);
+                power(*a).total_cmp(&power(*b))
+            })
+            .unwrap();
+        samples[strongest][0] = samples[strongest][0].next_up();
+        let outcome =
+            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, |_| {}).unwrap();
+        let difference = outcome.first_difference.unwrap();
+        assert_eq!((difference.cycle, difference.stage), (3, "estimate"));
+    }
+
+    #[test]
+    fn one_bit_of_state_that_no_number_shows_is_found_in_the_hash() {
+        let recording = recording(Kind::Ranges, 3, 0);
+        let setup = setup(&recording);
+        let mut reference = twin::<f32, SMALL_ANCHORS>(&setup);
+        let tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
+        assert_eq!(state_hash(&reference), tracker.hash());
+        reference.last_sequence[1] = Some(0);
+        assert_ne!(state_hash(&reference), tracker.hash());
+    }
+}

@@ -1,0 +1,179 @@
+//! The command line: what it prints, and what wrong use gets: a sentence with file and reason, exit code 2.
+
+use cogmint_tests::{Folder, cogmint, shared_data};
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(output: &Output) -> serde_json::Value {
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", text(&output.stdout)))
+}
+
+/// Asserts exit code 2 and one sentence on standard error with all of `parts`.
+fn refused(output: &Output, parts: &[&str]) {
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    for part in parts {
+        assert!(said.contains(part), "{part:?} is missing in: {said}");
+    }
+    assert!(!said.contains("panicked"), "{said}");
+    assert!(output.stdout.is_empty());
+}
+
+/// A small recording in `folder`, made by the library.
+fn small_recording(folder: &Path) {
+    let room = cogmint::room::Room::new(1, 12);
+    let run = cogmint::demo::run(&room, true, 1, || {}).unwrap();
+    run.recording.write(folder).unwrap();
+}
+
+#[test]
+fn without_arguments_it_compares_fixed_and_cognitive_and_draws_both() {
+    let folder = Folder::new("demo");
+    let output = cogmint(folder.path(), &[]);
+    let said = text(&output.stdout);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(said.contains("fixed") && said.contains("cognitive") && said.contains("room.png"), "{said}");
+    for extension in ["svg", "png"] {
+        let figure = folder.path().join("cogmint-out").join("room").with_extension(extension);
+        assert!(fs::metadata(&figure).unwrap().len() > 10_000, "{}", figure.display());
+    }
+}
+
+#[test]
+fn track_prints_one_object_with_the_keys_promised() {
+    let folder = Folder::new("track");
+    small_recording(&folder.path().join("r"));
+    let outcome = json(&cogmint(folder.path(), &["track", "r", "--json"]));
+    for key in ["cycles", "rmse_m", "p50_m", "p90_m", "p95_m", "max_m", "diverged", "us_per_cycle"] {
+        assert!(outcome.get(key).is_some(), "{key} is missing in {outcome}");
+    }
+    assert_eq!(outcome["cycles"], 12);
+    assert!(folder.path().join("cogmint-out/r-track.svg").is_file());
+    assert!(folder.path().join("cogmint-out/r-track.png").is_file());
+}
+
+#[test]
+fn verify_compares_every_bit_of_the_room_and_of_a_recording() {
+    let folder = Folder::new("verify");
+    let outcome = json(&cogmint(folder.path(), &["verify", "--cycles", "200", "--json"]));
+    assert_eq!((&outcome["cycles"], &outcome["equal"]), (&200.into(), &true.into()), "{outcome}");
+    assert!(outcome["compared"].as_u64().unwrap() > 200 * 1000 && outcome["first_difference"].is_null());
+    small_recording(&folder.path().join("r"));
+    let outcome = json(&cogmint(folder.path(), &["verify", "--recording", "r", "--json"]));
+    assert_eq!((&outcome["cycles"], &outcome["equal"]), (&12.into(), &true.into()), "{outcome}");
+}
+
+#[test]
+fn imports_of_others_data_verify_bit_for_bit() {
+    let folder = Folder::new("import");
+    let Some(data) = shared_data("bp-slam") else { return };
+    let file = |name: &str| data.join(name).canonicalize().unwrap().to_string_lossy().into_owned();
+    let (anchors, truth) = (file("anchors_vas.csv"), file("true_trajectory.csv"));
+    let ranges = file("measurements_seed1.csv");
+    let arguments =
+        ["import", "bp-slam", "--anchors", &anchors, "--truth", &truth, "--ranges", &ranges, "--out", "bp"];
+    assert!(cogmint(folder.path(), &arguments).status.success());
+    let outcome = json(&cogmint(folder.path(), &["verify", "--recording", "bp", "--json"]));
+    assert_eq!((&outcome["cycles"], &outcome["equal"]), (&900.into(), &true.into()), "{outcome}");
+
+    let Some(data) = shared_data("miluv") else { return };
+    let flight = data.join("random_1.npz").canonicalize().unwrap().to_string_lossy().into_owned();
+    assert!(cogmint(folder.path(), &["import", "miluv", &flight, "--out", "flight"]).status.success());
+    let outcome = json(&cogmint(folder.path(), &["verify", "--recording", "flight", "--json"]));
+    assert_eq!((&outcome["cycles"], &outcome["equal"]), (&954.into(), &true.into()), "{outcome}");
+
+    let Some(data) = shared_data("warsaw") else { return };
+    let flat = data.canonicalize().unwrap().to_string_lossy().into_owned();
+    assert!(cogmint(folder.path(), &["import", "warsaw", &flat, "--out", "flat"]).status.success());
+    let outcome = json(&cogmint(folder.path(), &["verify", "--recording", "flat/link_1", "--json"]));
+    assert_eq!(outcome["equal"], true, "{outcome}");
+}
+
+#[test]
+fn unknown_options_and_commands_are_refused() {
+    let folder = Folder::new("usage");
+    refused(&cogmint(folder.path(), &["track", "r", "--frobnicate"]), &["--frobnicate"]);
+    refused(&cogmint(folder.path(), &["frobnicate"]), &["frobnicate"]);
+    refused(&cogmint(folder.path(), &["track"]), &["FOLDER"]);
+    refused(&cogmint(folder.path(), &["trace", "--cycles", "0"]), &["--cycles"]);
+    refused(&cogmint(folder.path(), &["track", "r", "--seed", "x"]), &["--seed"]);
+}
+
+#[test]
+fn wrong_paths_are_refused_by_name() {
+    let folder = Folder::new("paths");
+    for command in [
+        &["track", "nowhere"][..],
+        &["verify", "--recording", "nowhere"],
+        &["trace", "--recording", "nowhere"],
+    ] {
+        refused(&cogmint(folder.path(), command), &["nowhere"]);
+    }
+    let missing =
+        ["import", "bp-slam", "--anchors", "a.csv", "--truth", "t.csv", "--ranges", "r.csv", "--out", "o"];
+    refused(&cogmint(folder.path(), &missing), &["a.csv"]);
+    refused(&cogmint(folder.path(), &["import", "miluv", "none.npz", "--out", "o"]), &["none.npz"]);
+    refused(&cogmint(folder.path(), &["import", "warsaw", "none", "--out", "o"]), &["none"]);
+    assert!(!folder.path().join("o").exists(), "nothing may be written");
+}
+
+#[test]
+fn malformed_recordings_are_refused_with_file_and_reason() {
+    let folder = Folder::new("malformed");
+    let place = folder.path().join("r");
+    small_recording(&place);
+    let toml = fs::read_to_string(place.join("recording.toml")).unwrap();
+    let npz = fs::read(place.join("recording.npz")).unwrap();
+    let track = || cogmint(folder.path(), &["track", "r"]);
+
+    fs::write(place.join("recording.toml"), toml.replace("roll_off", "rolloff")).unwrap();
+    refused(&track(), &["recording.toml", "rolloff"]);
+    fs::write(place.join("recording.toml"), "format = ").unwrap();
+    refused(&track(), &["recording.toml", "line 1"]);
+    fs::write(
+        place.join("recording.toml"),
+        toml.replace("acceleration_std_m_s2 = 0.01", "acceleration_std_m_s2 = -1.0"),
+    )
+    .unwrap();
+    refused(&track(), &["recording.toml", "acceleration_std_m_s2"]);
+    fs::write(place.join("recording.toml"), &toml).unwrap();
+
+    fs::write(place.join("recording.npz"), &npz[..npz.len() / 2]).unwrap();
+    refused(&track(), &["recording.npz"]);
+    fs::write(place.join("recording.npz"), b"no archive at all").unwrap();
+    refused(&track(), &["recording.npz"]);
+    fs::remove_file(place.join("recording.npz")).unwrap();
+    refused(&track(), &["recording.npz"]);
+}
+
+#[test]
+fn an_import_never_overwrites_what_is_no_recording() {
+    let Some(data) = shared_data("bp-slam") else { return };
+    let folder = Folder::new("overwrite");
+    let precious = folder.path().join("precious");
+    fs::create_dir_all(&precious).unwrap();
+    fs::write(precious.join("thesis.txt"), "years").unwrap();
+    let file = |name: &str| data.join(name).canonicalize().unwrap().to_string_lossy().into_owned();
+    let (anchors, truth) = (file("anchors_vas.csv"), file("true_trajectory.csv"));
+    let ranges = file("measurements_seed1.csv");
+    let arguments = [
+        "import",
+        "bp-slam",
+        "--anchors",
+        &anchors,
+        "--truth",
+        &truth,
+        "--ranges",
+        &ranges,
+        "--out",
+        "precious",
+    ];
+    refused(&cogmint(folder.path(), &arguments), &["precious"]);
+    assert_eq!(fs::read_to_string(precious.join("thesis.txt")).unwrap(), "years");
+}
