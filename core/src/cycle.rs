@@ -3,9 +3,9 @@
 
 use crate::anchor::{Anchor, MappedVirtualAnchor};
 use crate::config::Config;
+use crate::controller::Controller;
 use crate::controller::library::{Action, Library};
-use crate::controller::planning::{Outlook, Visible, plan};
-use crate::controller::policy::{choose, planned_set, policy};
+use crate::controller::planning::{Outlook, Visible};
 use crate::controller::reward::reward;
 use crate::controller::value::ActionValues;
 use crate::error::{Error, Setting};
@@ -24,8 +24,6 @@ use crate::report::CycleReport;
 use crate::trace::TraceHash;
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4};
-use rand_core::SeedableRng;
-use rand_xoshiro::Xoshiro128PlusPlus;
 
 /// What an anchor delivered, as measurements, and the action its frame was received with.
 struct Scan<const PATHS: usize> {
@@ -56,8 +54,6 @@ impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
 pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize> {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
-    library: Library<ACTIONS>,
-    seed: u64,
     /// Estimator for the pulse it was last used with; rebuilt when the pulse changes, so no state.
     estimator: ChannelEstimator<PATHS>,
     estimator_pulse: Pulse,
@@ -67,9 +63,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     environment: EnvironmentMemory<VAS>,
     channel: ChannelMemory<ANCHORS, VAS, ACTIONS>,
     discovery: Discovery<ANCHORS>,
-    values: ActionValues<ACTIONS>,
-    policy: [f32; ACTIONS],
-    action: usize,
+    controller: Controller<ACTIONS>,
     /// Mean number of measurements per scan that belong to nothing known.
     unexplained: [f32; ANCHORS],
     last_sequence: [Option<u32>; ANCHORS],
@@ -122,15 +116,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             environment.insert(slot, mapped.anchor, 0.9);
         }
         let pulse = Pulse { duration_s: first.pulse_duration_s, roll_off: config.radio.roll_off };
-        let values = ActionValues::default();
-        let initial_policy = policy(&values, library.len(), config.controller.choice.temperature_nat);
         let association = &config.association;
         let unexplained = association.clutter_per_anchor + association.unmapped_per_anchor;
         Ok(Self {
             config,
             anchors: checked,
-            library,
-            seed,
             estimator: build_estimator(&config, pulse),
             estimator_pulse: pulse,
             cycle: 0,
@@ -138,9 +128,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             environment,
             channel: ChannelMemory::new(config.controller.prior_sinr),
             discovery: Discovery::default(),
-            values,
-            policy: initial_policy,
-            action: config.controller.first_action,
+            controller: Controller::new(config.controller, library, seed),
             unexplained: [unexplained; ANCHORS],
             last_sequence: [None; ANCHORS],
         })
@@ -253,7 +241,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             }
             match observation {
                 Observation::Frame(frame) => {
-                    if self.library.get(frame.action).is_none() {
+                    if self.controller.library().get(frame.action).is_none() {
                         return Err(Error::UnknownAction { action: frame.action });
                     }
                     if let (Some(sequence), Some(Some(last))) =
@@ -278,7 +266,12 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ) -> Vec<Scan<PATHS>, ANCHORS> {
         let mut scans: Vec<Scan<PATHS>, ANCHORS> = Vec::new();
         for anchor in 0..self.anchors.len() {
-            let mut scan = Scan { anchor, action: self.action, measurements: Vec::new(), framed: false };
+            let mut scan = Scan {
+                anchor,
+                action: self.controller.action_index(),
+                measurements: Vec::new(),
+                framed: false,
+            };
             let mut heard = false;
             // Ranges first: they outrank the paths near them.
             for observation in observations {
@@ -324,7 +317,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         into: &mut Scan<PATHS>,
         observer: &mut impl Observer<VAS, PATHS>,
     ) {
-        let Some(action) = self.library.get(frame.action) else { return };
+        let Some(action) = self.controller.library().get(frame.action) else { return };
         let pulse = Pulse { duration_s: action.pulse_duration_s, roll_off: self.config.radio.roll_off };
         if pulse != self.estimator_pulse {
             self.estimator = build_estimator(&self.config, pulse);
@@ -466,7 +459,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     fn remember_channel(&mut self, source: Source, scan: &Scan<PATHS>, belief: &Belief<PATHS>) {
         for (measurement, &weight) in scan.measurements.iter().zip(&belief.associated) {
             if weight > 0.5 && measurement.sinr > 0.0 {
-                self.channel.remember(source, scan.action, &self.library, measurement, weight);
+                self.channel.remember(source, scan.action, self.controller.library(), measurement, weight);
             }
         }
         let exists = match source {
@@ -476,7 +469,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             }
         };
         if scan.framed && exists && belief.missed > 0.5 {
-            self.channel.remember_missed(source, scan.action, &self.library, belief.missed);
+            self.channel.remember_missed(source, scan.action, self.controller.library(), belief.missed);
         }
     }
 
@@ -575,61 +568,31 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         tag_height_m: Option<f32>,
         report: &mut CycleReport,
     ) {
-        let settings = self.config.controller;
-        let count = self.library.len();
-        // One generator per cycle, from seed and cycle number: randomness is no state to save.
-        let mut rng = Xoshiro128PlusPlus::seed_from_u64(
-            self.seed ^ u64::from(self.cycle).wrapping_mul(0x9e37_79b9_7f4a_7c15),
-        );
-        let earned = reward(settings.reward, previous, predicted, posterior);
-        self.values.learn(self.action, earned, &self.policy, &settings.learning);
-        self.policy = policy(&self.values, count, settings.choice.temperature_nat);
-        if settings.planned_actions > 0 && count > 1 {
-            let keep = [self.action, self.values.best(count)];
-            let planned = planned_set(&self.policy, count, settings.planned_actions, keep, &mut rng);
-            let outlook = Outlook {
-                position_m: self.filter.position_m(),
-                velocity_m_s: self.filter.velocity_m_s(),
-                covariance: *posterior,
-                elapsed_s,
-                acceleration_std_m_s2: self.config.motion.acceleration_std_m_s2,
-                variance_inflation: self.config.ranging.variance_inflation,
-                range_floor_m: self.config.ranging.floor_m,
-                roll_off: self.config.radio.roll_off,
-            };
-            let discount = settings.learning.discount;
-            let visible = visible(&self.anchors, &self.environment, &self.filter, tag_height_m);
-            let rewards = plan(
-                &planned,
-                settings.horizon,
-                discount,
-                settings.reward,
-                &outlook,
-                visible,
-                &self.channel,
-                &self.library,
-            );
-            for (action, (&reward, &wanted)) in rewards.iter().zip(&planned).enumerate() {
-                if wanted {
-                    self.values.learn(action, reward, &self.policy, &settings.learning);
-                }
-            }
-            self.policy = policy(&self.values, count, settings.choice.temperature_nat);
-            self.action = choose(&self.values, &self.policy, count, self.action, &settings.choice, &mut rng);
-        }
+        let earned = reward(self.config.controller.reward, previous, predicted, posterior);
+        let outlook = Outlook {
+            position_m: self.filter.position_m(),
+            velocity_m_s: self.filter.velocity_m_s(),
+            covariance: *posterior,
+            elapsed_s,
+            acceleration_std_m_s2: self.config.motion.acceleration_std_m_s2,
+            variance_inflation: self.config.ranging.variance_inflation,
+            range_floor_m: self.config.ranging.floor_m,
+            roll_off: self.config.radio.roll_off,
+        };
+        let visible = visible(&self.anchors, &self.environment, &self.filter, tag_height_m);
+        report.next_action = self.controller.decide(earned, &outlook, visible, &self.channel);
         report.position_m = self.filter.position_m();
         report.position_covariance_m2 = position_block(posterior);
         report.predicted_entropy_nat = position_entropy_nat(&position_block(predicted));
         report.entropy_nat = position_entropy_nat(&position_block(posterior));
         report.reward = earned;
-        report.next_action = self.action;
-        if let Some(next) = self.library.get(self.action) {
+        if let Some(next) = self.controller.action() {
             report.next = *next;
         }
     }
 
     fn blank_report(&self) -> CycleReport {
-        let next = self.library.get(self.action).copied();
+        let next = self.controller.action().copied();
         CycleReport {
             cycle: self.cycle,
             position_m: [0.0, 0.0],
@@ -643,8 +606,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             discovered: 0,
             forgotten: 0,
             map_full: 0,
-            action: self.action,
-            next_action: self.action,
+            action: self.controller.action_index(),
+            next_action: self.controller.action_index(),
             next: next.unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
         }
     }
@@ -671,7 +634,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// Action values and policy.
     pub fn controller(&self) -> (&ActionValues<ACTIONS>, &[f32; ACTIONS]) {
-        (&self.values, &self.policy)
+        (self.controller.values(), self.controller.policy())
     }
 
     /// Mean number of measurements per scan of each anchor that nothing known explains.
@@ -686,14 +649,14 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// The action that the next frames should use.
     pub fn action(&self) -> Option<&Action> {
-        self.library.get(self.action)
+        self.controller.action()
     }
 
     /// 64-bit hash over all state: equal hashes after the same inputs mean equal bits.
     pub fn hash(&self) -> u64 {
         let mut hash = TraceHash::default();
         hash.word(self.cycle);
-        hash.word(self.action as u32);
+        hash.word(self.controller.action_index() as u32);
         self.filter.visit(|v| hash.float(v));
         for (slot, record) in self.environment.iter() {
             hash.word(slot as u32);
@@ -704,7 +667,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         self.channel.visit(|v| hash.float(v));
         self.discovery.visit(|v| hash.float(v));
-        self.values.values().iter().chain(&self.policy).for_each(|v| hash.float(*v));
+        let (values, policy) = (self.controller.values().values(), self.controller.policy());
+        values.iter().chain(policy).for_each(|v| hash.float(*v));
         self.unexplained.iter().for_each(|v| hash.float(*v));
         for last in self.last_sequence {
             hash.word(u32::from(last.is_some()));
