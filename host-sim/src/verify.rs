@@ -738,8 +738,8 @@ mod tests {
             let position = [3.0 + angle.cos(), 6.0 + angle.sin()];
             let mut cycle = Cycle { time_s: 0.1 * n as f64, ..Cycle::default() };
             cycle.truth_position_m = Some(position);
-            for anchor in 0..2 {
-                let mut paths = vec![ANCHORS[anchor]];
+            for (anchor, at) in ANCHORS.into_iter().enumerate() {
+                let mut paths = vec![at];
                 if n * 3 < cycles * 2 {
                     paths.extend(IMAGES.iter().filter(|(of, _)| *of == anchor).map(|(_, at)| *at));
                 }

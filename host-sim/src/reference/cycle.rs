@@ -34,6 +34,9 @@ pub struct Capacity {
     pub actions: usize,
 }
 
+/// The paths of a frame, with its anchor.
+pub type AnchorEstimate<T> = (usize, ChannelEstimate<T>);
+
 /// What one anchor delivered.
 #[derive(Clone, Debug)]
 pub struct Scan<T> {
@@ -82,8 +85,8 @@ pub struct Report<T> {
 /// Everything a cycle computed on its way.
 #[derive(Clone, Debug)]
 pub struct Intermediates<T> {
-    /// Anchor and paths of each frame, by anchor.
-    pub estimates: Vec<(usize, ChannelEstimate<T>)>,
+    /// The frames' paths, by anchor.
+    pub estimates: Vec<AnchorEstimate<T>>,
     /// Scans with their beliefs, by anchor.
     pub heard: Vec<AssociatedScan<T>>,
     /// The report.
@@ -228,10 +231,7 @@ impl<T: Real> Reference<T> {
     // Receive and estimate.
 
     /// The paths of every frame, and one scan per anchor heard.
-    fn estimate(
-        &mut self,
-        observations: &[Observation<'_>],
-    ) -> (Vec<(usize, ChannelEstimate<T>)>, Vec<Scan<T>>) {
+    fn estimate(&mut self, observations: &[Observation<'_>]) -> (Vec<AnchorEstimate<T>>, Vec<Scan<T>>) {
         let mut estimates = Vec::new();
         let mut scans = Vec::new();
         for anchor in 0..self.anchors.len() {

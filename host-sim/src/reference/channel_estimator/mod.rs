@@ -1,7 +1,7 @@
 //! Channel estimator: a frame's paths.
 //!
 //! Behind the matched filter, y(t) = sum over k of alpha_k R(t - tau_k) + noise of level lambda(t). Complex frames go
-//! through sparse Bayesian learning ([`complex`]), magnitudes through a search for peaks ([`magnitude`]). Both keep
+//! through sparse Bayesian learning (`complex`), magnitudes through a search for peaks (`magnitude`). Both keep
 //! what exceeds kappa, set by the rate of false paths mu: kappa = ln((2 B sqrt(pi kappa) + 1) / mu), with B the product
 //! of rms bandwidth and window.
 
