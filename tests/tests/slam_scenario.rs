@@ -85,7 +85,11 @@ fn scenario(seed: u64) -> Recording {
             velocity_std_m_s: 0.03,
             disc_radius_m: Some(0.5),
         },
-        association: AssociationModel { detection_probability: 0.95, clutter_per_anchor: 1.0, max_range_m: 30.0 },
+        association: AssociationModel {
+            detection_probability: 0.95,
+            clutter_per_anchor: 1.0,
+            max_range_m: 30.0,
+        },
         radio: Radio {
             pulse_duration_s: 0.5e-9,
             roll_off: 0.6,
