@@ -25,7 +25,10 @@ pub fn exit(success: bool) -> ! {
     loop {
         // SAFETY: the call takes its reason as the argument itself.
         unsafe {
-            cortex_m_semihosting::syscall1(nr::REPORT_EXCEPTION, if success { REASONS[0] } else { REASONS[1] });
+            cortex_m_semihosting::syscall1(
+                nr::REPORT_EXCEPTION,
+                if success { REASONS[0] } else { REASONS[1] },
+            );
         }
     }
 }

@@ -76,8 +76,7 @@ fn replay(mut feed: Feed, slot: &mut MaybeUninit<BoardTracker>, samples: &mut [C
         };
         let observations = input.observations(samples);
         let mut stages = StageMeter::default();
-        let outcome =
-            tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut stages);
+        let outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut stages);
         if outcome.is_err() {
             host::write(b"error refused cycle\n");
             return false;
@@ -90,7 +89,11 @@ fn replay(mut feed: Feed, slot: &mut MaybeUninit<BoardTracker>, samples: &mut [C
         line.end();
     }
     let mut line = Line::new();
-    line.text(b"stack ").decimal(stack.used()).text(b" tracker ").decimal(size_of::<BoardTracker>() as u32).end();
+    line.text(b"stack ")
+        .decimal(stack.used())
+        .text(b" tracker ")
+        .decimal(size_of::<BoardTracker>() as u32)
+        .end();
     true
 }
 
