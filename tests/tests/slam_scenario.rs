@@ -44,36 +44,32 @@ fn position(step: usize) -> [f64; 2] {
 fn scenario(seed: u64) -> Recording {
     let mut rng = Xoshiro128PlusPlus::seed_from_u64(seed);
     let mut uniform = move || (f64::from(rng.next_u32()) + 0.5) / 4_294_967_296.0;
-    let mut cycles = Vec::new();
-    for step in 0..STEPS {
+    let mut cycle = |step: usize| {
         let [x, y] = position(step);
         let mut ranges = Vec::new();
         for (anchor, place) in ANCHORS.iter().enumerate() {
-            let sources = std::iter::once(place)
-                .chain(IMAGES.iter().filter(|(of, _)| *of == anchor).map(|(_, image)| image));
-            for [ax, ay] in sources {
+            let mut heard = |range_m: f64| ranges.push(Range { anchor, range_m, std_m: None });
+            let images = IMAGES.iter().filter(|(of, _)| *of == anchor).map(|(_, image)| image);
+            for [ax, ay] in std::iter::once(place).chain(images) {
                 if uniform() < 0.95 {
                     let normal = (-2.0 * uniform().ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos();
-                    ranges.push((x - ax).hypot(y - ay) + 0.1 * normal);
-                } else {
-                    uniform();
+                    heard((x - ax).hypot(y - ay) + 0.1 * normal);
                 }
             }
             // Poisson with mean 1, by the product of uniforms.
             let mut product = uniform();
             while product > (-1.0_f64).exp() {
-                ranges.push(30.0 * uniform());
+                heard(30.0 * uniform());
                 product *= uniform();
             }
-            let from = cycles.len();
-            cycles.push((step, anchor, std::mem::take(&mut ranges)));
-            debug_assert!(from < cycles.len());
         }
-    }
-    let by_step = |step: usize| {
-        cycles.iter().filter(move |(of, _, _)| *of == step).flat_map(|(_, anchor, ranges)| {
-            ranges.iter().map(|range_m| Range { anchor: *anchor, range_m: *range_m, std_m: None })
-        })
+        Cycle {
+            time_s: step as f64,
+            truth_position_m: Some(position(step)),
+            tag_height_m: None,
+            ranges,
+            frames: Vec::new(),
+        }
     };
     Recording {
         name: format!("slam scenario {seed}"),
@@ -113,15 +109,7 @@ fn scenario(seed: u64) -> Recording {
             })
             .collect(),
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: 0.5e-9 }],
-        cycles: (0..STEPS)
-            .map(|step| Cycle {
-                time_s: step as f64,
-                truth_position_m: Some(position(step)),
-                tag_height_m: None,
-                ranges: by_step(step).collect(),
-                frames: Vec::new(),
-            })
-            .collect(),
+        cycles: (0..STEPS).map(&mut cycle).collect(),
     }
 }
 

@@ -95,9 +95,9 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     for (slot, [x, y]) in true_vas.iter().enumerate() {
         let guess = [(x + 0.05 * noise.normal()) as f32, (y + 0.05 * noise.normal()) as f32];
         assert!(filter.insert_independent(slot, guess, 0.05));
-        for axis in 0..2 {
+        for (axis, coordinate) in guess.iter().enumerate() {
             let i = 4 + 2 * slot + axis;
-            textbook.x[i] = f64::from(guess[axis]);
+            textbook.x[i] = f64::from(*coordinate);
             textbook.p[(i, i)] = 0.0025;
         }
     }
