@@ -86,6 +86,8 @@ pub struct Coverage {
     pub discovered: u64,
     /// Virtual anchors forgotten.
     pub forgotten: u64,
+    /// Discoveries dropped because the map was full.
+    pub map_full: u64,
     /// Changes of action.
     pub action_changes: u64,
     /// Cycles whose observations the core refused.
@@ -584,6 +586,7 @@ impl Coverage {
         self.measurements += u64::from(report.measurements);
         self.discovered += u64::from(report.discovered);
         self.forgotten += u64::from(report.forgotten);
+        self.map_full += u64::from(report.map_full);
         self.action_changes += u64::from(report.action != report.next_action);
         self.refused_cycles += u64::from(taken.refused.is_some());
     }
@@ -684,8 +687,12 @@ mod tests {
         (uniform() + uniform() + uniform() + uniform()) * 3.0_f64.sqrt()
     }
 
-    /// A tag on a circle. Images vanish in the last third, so that what was found is forgotten.
     fn recording(kind: Kind, cycles: usize, samples: usize) -> Recording {
+        circle(kind, cycles, samples, 0.02)
+    }
+
+    /// A tag that turns by `turn` per cycle. Images vanish in the last third, so that what was found is forgotten.
+    fn circle(kind: Kind, cycles: usize, samples: usize, turn: f64) -> Recording {
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(5);
         let actions: Vec<Action> = (0..6)
             .map(|n| Action {
@@ -734,7 +741,7 @@ mod tests {
             cycles: Vec::new(),
         };
         for n in 0..cycles {
-            let angle = 0.02 * n as f64;
+            let angle = turn * n as f64;
             let position = [3.0 + angle.cos(), 6.0 + angle.sin()];
             let mut cycle = Cycle { time_s: 0.1 * n as f64, ..Cycle::default() };
             cycle.truth_position_m = Some(position);
@@ -864,6 +871,42 @@ mod tests {
         let recording = recording(Kind::Magnitude, 60, 200);
         let covered = verified(&setup(&recording), &recording).covered;
         assert!(covered.paths > covered.frames, "{covered:?}");
+    }
+
+    #[test]
+    fn side_lobes_about_the_threshold_are_equal() {
+        let mut recording = recording(Kind::Magnitude, 40, 200);
+        for (n, cycle) in recording.cycles.iter_mut().enumerate() {
+            for frame in &mut cycle.frames {
+                let Samples::Magnitude(samples) = &mut frame.samples else { panic!() };
+                let peak = (0..190).max_by(|a, b| samples[*a].total_cmp(&samples[*b])).unwrap();
+                samples[peak + 5] = samples[peak] * (0.01 + 0.0005 * n as f32).sqrt();
+            }
+        }
+        verified(&setup(&recording), &recording);
+    }
+
+    #[test]
+    fn a_full_map_that_is_mostly_wrong_is_equal() {
+        let mut covered = Coverage::default();
+        for detection_probability in [0.01, 0.1] {
+            let mut recording = circle(Kind::Ranges, 180, 0, 0.1);
+            recording.motion.acceleration_std_m_s2 = 1.0;
+            recording.start.velocity_std_m_s = 1.0;
+            recording.association.detection_probability = detection_probability;
+            recording.virtual_anchors.clear();
+            for n in 0..VAS {
+                // The first is 0.2 m off one that will be discovered, the others are nowhere near any.
+                let position_m = if n == 0 { [0.5, 10.6] } else { [-8.0 + 0.2 * n as f64, -3.0] };
+                let known = VirtualAnchor { anchor: n % 2, position_m, std_m: 1e-3, known: true };
+                recording.virtual_anchors.push(known);
+            }
+            let once = verified(&setup(&recording), &recording).covered;
+            covered.map_full += once.map_full;
+            covered.discovered += once.discovered;
+            covered.forgotten += once.forgotten;
+        }
+        assert!(covered.map_full > 0 && covered.discovered > 0 && covered.forgotten > 0, "{covered:?}");
     }
 
     #[test]

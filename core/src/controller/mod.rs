@@ -2,7 +2,7 @@
 //!
 //! A single-state value function J over the action library. [`reward`] turns entropies into a reward, [`value`]
 //! learns from the action applied and from planned ones, [`planning`] predicts rewards with the filter's own model
-//! and the channel memory, [`policy`] turns values into a choice. [`Controller`] does all of it, once per cycle.
+//! and the channel memory, [`mod@policy`] turns values into a choice. [`Controller`] does all of it, once per cycle.
 
 pub mod library;
 pub mod planning;

@@ -9,7 +9,7 @@
 //! along a line leaves two mirror images, a turn leaves one; a candidate is resolved when one hypothesis holds
 //! nearly all weight and is small. Bounded: [`CANDIDATES`] per anchor, [`HYPOTHESES`] each.
 //!
-//! The tag's own uncertainty is added in part to each range variance ([`TAG_SHARE`]): over the window of a
+//! The tag's own uncertainty is added in part to each range variance (`TAG_SHARE`): over the window of a
 //! candidate the tag's error is mostly a common shift, which [`StateFilter::insert_relative`] accounts for when
 //! the candidate joins the map.
 //!

@@ -1,7 +1,7 @@
 //! State filter: the joint Gaussian of tag and virtual anchors, in the reduced form of the unscented filter.
 //!
 //! State: agent x = [p, v] (position and velocity, 2-D), range bias b_j of each anchor (optional), virtual
-//! anchors a_k. Covariance in blocks: C_xx, C_xb[j], C_bb[j][i], C_xa[k], C_ba[k][j], C_aa[k][l].
+//! anchors a_k. Covariance in blocks: `C_xx`, `C_xb[j]`, `C_bb[j][i]`, `C_xa[k]`, `C_ba[k][j]`, `C_aa[k][l]`.
 //!
 //! **Prediction** is linear: x <- F x, C_xx <- F C_xx F' + sigma_a^2 G G', C_xa <- F C_xa, C_xb <- F C_xb, and a
 //! small random walk for the virtual anchors. Nothing else moves.

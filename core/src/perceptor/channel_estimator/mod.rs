@@ -1,8 +1,8 @@
 //! Channel estimator: the specular paths in one frame.
 //!
 //! The frame is the matched filter's output, y(t) = sum_k alpha_k R(t - tau_k) + noise, whose noise has the
-//! level lambda(t) = N0 + dense multipath. Complex frames go through sparse Bayesian learning ([`complex`]);
-//! frames without phase through a peak model of their own ([`magnitude`]). Both keep a path only where its
+//! level lambda(t) = N0 + dense multipath. Complex frames go through sparse Bayesian learning (`complex.rs`);
+//! frames without phase through a peak model of their own (`magnitude.rs`). Both keep a path only where its
 //! normalised energy exceeds kappa, which follows from the false-path rate asked for:
 //! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope.
 //!
