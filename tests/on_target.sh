@@ -80,5 +80,5 @@ cargo run --quiet --locked --release -p cogmint -- \
     -semihosting-config enable=on,target=native -icount shift=0 -kernel "$image" >target.txt 2>&1
 ) || say "QEMU ended with $?"
 
-cargo run --quiet --locked --release -p cogmint-tests --bin target_report -- \
+cargo run --quiet --locked --release -p cogmint-tests --example target_report -- \
   --target "$target" --image "$image" --host "$work/host.txt" --log "$work/target.txt" $json
