@@ -185,6 +185,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.discover(&heard, tag_height_m, &mut report);
 
         observer.stage(Stage::Act);
+        // The reward belongs to the action received with, which need not be the one that was asked for.
+        let framed = heard.iter().find(|associated| associated.scan.framed);
+        let applied = framed.map_or(self.controller.action_index(), |associated| associated.scan.action);
+        report.action = applied;
         self.act(&previous, &predicted, &posterior, elapsed_s, tag_height_m, &mut report);
 
         self.finish(observations);
@@ -580,7 +584,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             roll_off: self.config.radio.roll_off,
         };
         let visible = visible(&self.anchors, &self.environment, &self.filter, tag_height_m);
-        report.next_action = self.controller.decide(earned, &outlook, visible, &self.channel);
+        report.next_action = self.controller.decide(report.action, earned, &outlook, visible, &self.channel);
         report.position_m = self.filter.position_m();
         report.position_covariance_m2 = position_block(posterior);
         report.predicted_entropy_nat = position_entropy_nat(&position_block(predicted));

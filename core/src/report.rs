@@ -30,7 +30,8 @@ pub struct CycleReport {
     pub forgotten: u32,
     /// Discoveries dropped because the map was full.
     pub map_full: u32,
-    /// Index of the action this cycle's frames were expected to use.
+    /// Index of the action this cycle's frames were received with (the first anchor's where they differ; the one
+    /// asked for where there was none): the reward is credited to it.
     pub action: usize,
     /// Index of the next action.
     pub next_action: usize,

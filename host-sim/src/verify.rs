@@ -891,29 +891,35 @@ mod tests {
     }
 
     #[test]
-    fn a_full_map_that_is_mostly_wrong_is_equal() {
+    fn a_map_that_is_mostly_wrong_is_equal() {
         let mut covered = Coverage::default();
-        // Unlikely detection keeps virtual anchors that are never seen alive; the less likely, the longer.
+        // Virtual anchors that are rarely detected and rarely seen stay; the less likely, the longer.
         for (turn, detection_probability) in
             [0.1, 0.2].into_iter().flat_map(|t| [0.03, 0.06, 0.1].map(|p| (t, p)))
         {
-            let mut recording = circle(Kind::Ranges, 180, 0, turn);
+            let mut recording = circle(Kind::Ranges, 400, 0, turn);
             recording.motion.acceleration_std_m_s2 = 1.0;
             recording.start.velocity_std_m_s = 1.0;
             recording.association.detection_probability = detection_probability;
             recording.virtual_anchors.clear();
             for n in 0..VAS {
-                // The first is 0.2 m off one that will be discovered, the others are nowhere near any.
+                // The first is 0.2 m off a true one, the others are nowhere near any.
                 let position_m = if n == 0 { [0.5, 10.6] } else { [-8.0 + 0.2 * n as f64, -3.0] };
                 let known = VirtualAnchor { anchor: n % 2, position_m, std_m: 1e-3, known: true };
                 recording.virtual_anchors.push(known);
             }
-            let once = verified(&setup(&recording), &recording).covered;
-            covered.map_full += once.map_full;
-            covered.discovered += once.discovered;
-            covered.forgotten += once.forgotten;
+            for cycle in recording.cycles.iter_mut().skip(20).step_by(40) {
+                let [x, y] = cycle.truth_position_m.unwrap();
+                cycle.ranges.clear();
+                for known in &recording.virtual_anchors {
+                    let [u, v] = known.position_m;
+                    let range_m = (x - u).hypot(y - v);
+                    cycle.ranges.push(Range { anchor: known.anchor, range_m, std_m: Some(0.05) });
+                }
+            }
+            covered.forgotten += verified(&setup(&recording), &recording).covered.forgotten;
         }
-        assert!(covered.map_full > 0 && covered.discovered > 0 && covered.forgotten > 0, "{covered:?}");
+        assert!(covered.forgotten > 0, "{covered:?}");
     }
 
     #[test]

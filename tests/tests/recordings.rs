@@ -33,7 +33,10 @@ fn bp_slam_is_tracked_from_two_anchors_and_no_map() {
             sum += rmse;
             worst = worst.max(rmse);
         }
-        println!("measurements {measurements}: mean RMSE {:.3} m, worst {worst:.3} m of 20 starts", sum / 20.0);
+        println!(
+            "measurements {measurements}: mean RMSE {:.3} m, worst {worst:.3} m of 20 starts",
+            sum / 20.0
+        );
     }
 }
 

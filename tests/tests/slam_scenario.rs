@@ -5,7 +5,9 @@
 use cogmint::recording::{
     Action, Anchor, AssociationModel, Cycle, Motion, Radio, Range, Recording, Start, VirtualAnchor,
 };
+use cogmint::replay::{Setup, inputs};
 use cogmint::track::track;
+use cogmint_core::Tracker;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use std::path::Path;
@@ -142,4 +144,20 @@ fn fresh_seeds_are_tracked_from_two_anchors_and_no_map() {
     assert!(sorted[sorted.len() / 2] <= 0.15);
     // One start in some hundred locks onto a wrong image before the map is there; recovery comes with the mapping.
     assert!(diverged.len() * 40 <= rmse.len(), "{diverged:?}");
+}
+
+#[test]
+fn a_full_map_says_so_and_goes_on() {
+    let recording = scenario(2);
+    let setup = Setup::new(&recording, Path::new("slam scenario"), None).unwrap();
+    let mut tracker =
+        Tracker::<2, 2, 16, 40>::new(setup.config, &setup.anchors, &[], &setup.actions, setup.seed).unwrap();
+    let (mut discovered, mut map_full) = (0, 0);
+    for input in inputs(&recording) {
+        let report = tracker.cycle(&input.observations(), input.elapsed_s, None).unwrap();
+        discovered += report.discovered;
+        map_full += report.map_full;
+        assert!(tracker.environment().iter().count() <= 2);
+    }
+    assert!(discovered >= 2 && map_full > 0, "{discovered} discovered, {map_full} turned away");
 }

@@ -40,9 +40,10 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         Self { settings, seed, decisions: 0, policy, values, action: settings.first_action, library }
     }
 
-    /// Learns what the present action `earned`, plans over a part of the library, and chooses the next action.
+    /// Learns what the action `applied` has `earned`, plans over a part of the library, and chooses the next action.
     pub fn decide<const ANCHORS: usize, const VAS: usize>(
         &mut self,
+        applied: usize,
         earned: f32,
         outlook: &Outlook,
         visible: impl Iterator<Item = Visible> + Clone,
@@ -55,7 +56,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.seed ^ u64::from(self.decisions).wrapping_mul(0x9e37_79b9_7f4a_7c15),
         );
         self.decisions = self.decisions.wrapping_add(1);
-        self.values.learn(self.action, earned, &self.policy, &settings.learning);
+        self.values.learn(applied, earned, &self.policy, &settings.learning);
         self.policy = policy(&self.values, count, settings.choice.temperature_nat);
         if settings.planned_actions == 0 || count < 2 {
             return self.action;

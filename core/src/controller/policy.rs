@@ -48,7 +48,7 @@ pub fn uniform(rng: &mut impl Rng) -> f32 {
     ((rng.next_u32() >> 8) as f32 + 1.0) / 16_777_216.0
 }
 
-/// `wanted` distinct actions drawn from the policy without replacement, `keep` always among them.
+/// `wanted` distinct actions (two at least) drawn from the policy without replacement, `keep` always among them.
 ///
 /// Exponential race: the smallest -ln(u) / pi win, which has the distribution of successive draws.
 pub fn planned_set<const ACTIONS: usize>(
@@ -66,7 +66,7 @@ pub fn planned_set<const ACTIONS: usize>(
         }
     }
     let mut chosen = [false; ACTIONS];
-    for _ in 0..wanted {
+    for _ in 0..wanted.max(keep.len()) {
         let mut earliest = (usize::MAX, f32::INFINITY);
         for (action, &time) in arrival.iter().enumerate() {
             if time < earliest.1 {

@@ -37,14 +37,18 @@ const LIGHTEST: f32 = 1e-3;
 /// Neighbouring hypotheses whose squared Mahalanobis distance is below this are merged.
 const MERGE_DISTANCE2: f32 = 1.0;
 /// Scans in a row without a range after which a candidate is dropped.
-const MISSES: u16 = 4;
+const MISSES: u16 = 8;
 /// From this age on, the share of scans with a range must be at least `HIT_SHARE`.
 const PROBATION: u16 = 8;
 const HIT_SHARE: f32 = 0.6;
+/// A ring is drawn only once the tag is known this much better than the range (variances), or to 5 cm: while the
+/// estimate still moves by corrections, these would look like motion and resolve what motion has not.
+const SETTLED_SHARE: f32 = 0.6;
+const SETTLED_M2: f32 = 2.5e-3;
 /// Resolved: at least this many ranges,
-const RESOLVED_HITS: u16 = 30;
+const RESOLVED_HITS: u16 = 100;
 /// this much weight on one hypothesis,
-const RESOLVED_WEIGHT: f32 = 0.99;
+const RESOLVED_WEIGHT: f32 = 0.999;
 /// and a variance trace below (0.4 m)^2.
 const RESOLVED_TRACE_M2: f32 = 0.16;
 /// Candidates' covariances are multiplied by this on resolution: their ranges were chosen by nearest
@@ -171,8 +175,10 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
             }
         }
         candidates.retain(Candidate::is_plausible);
+        let tag = 0.5 * (viewpoint.covariance_m2.m11 + viewpoint.covariance_m2.m22);
         for (measurement, taken) in leftovers.iter().zip(&used) {
-            if !taken && !candidates.is_full() {
+            let settled = tag < larger(SETTLED_SHARE * measurement.variance_m2, SETTLED_M2);
+            if !taken && settled && !candidates.is_full() {
                 let _ = candidates.push(Candidate::ring(viewpoint, measurement));
             }
         }
@@ -195,7 +201,11 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
 
     /// Every number of the state, in a fixed order, for traces.
     pub fn visit(&self, mut f: impl FnMut(f32)) {
+        for candidates in &self.candidates {
+            f(candidates.len() as f32);
+        }
         for candidate in self.candidates.iter().flatten() {
+            f(candidate.hypotheses.len() as f32);
             f(f32::from(candidate.hits));
             f(f32::from(candidate.age));
             f(f32::from(candidate.misses));
@@ -435,6 +445,11 @@ impl Hypothesis {
 
     /// Squared Mahalanobis distance under the sum of both covariances, against the merging distance.
     fn is_close(&self, other: &Hypothesis) -> bool {
+        let ([x, y], [u, v]) = (self.direction, other.direction);
+        if x * u + y * v <= 0.0 {
+            // Mirror images across the way: the angle's parameter means nothing so far apart.
+            return false;
+        }
         let da = self.angle_to(other);
         let dr = other.radius_m - self.radius_m;
         let [saa, sra, srr] = self.covariance;
@@ -505,6 +520,15 @@ mod tests {
     #[test]
     fn a_straight_walk_leaves_the_mirror_ambiguity_open() {
         assert!(walk((0..300).map(|n| [0.01 * n as f32, 0.0]), [2.0, 5.0]).is_none());
+    }
+
+    #[test]
+    fn nor_does_it_resolve_when_the_virtual_anchor_lies_broadside() {
+        // The two images then lie in opposite directions.
+        for broadside in 0..60 {
+            let x = 1.5 + 0.01 * (broadside as f32 - 30.0);
+            assert!(walk((0..300).map(|n| [0.01 * n as f32, 0.0]), [x, 4.0]).is_none(), "at {x} m");
+        }
     }
 
     #[test]

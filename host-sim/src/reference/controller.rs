@@ -165,7 +165,8 @@ pub fn planned_set<T: Real>(
         arrival.push(if keep.contains(&c) { T::of(-1.0) } else { time });
     }
     let mut chosen = vec![false; policy.len()];
-    for _ in 0..wanted {
+    // Both actions to keep fit in any case.
+    for _ in 0..wanted.max(keep.len()) {
         let mut earliest: Option<usize> = None;
         for c in 0..count {
             if !chosen[c] && earliest.is_none_or(|e| arrival[c] < arrival[e]) {

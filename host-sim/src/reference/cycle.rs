@@ -206,6 +206,13 @@ impl<T: Real> Reference<T> {
         let mut report = self.blank_report();
         self.remember(&heard, &mut report);
         self.discover(&heard, &heights, &mut report);
+        // The action received with earns the reward.
+        for associated in &heard {
+            if associated.scan.framed {
+                report.action = associated.scan.action;
+                break;
+            }
+        }
         self.act([&previous, &predicted, &posterior], elapsed_s, &heights, &mut report);
 
         for observation in observations {
@@ -492,7 +499,7 @@ impl<T: Real> Reference<T> {
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(mixed);
 
         let earned = reward(settings.reward, previous, predicted, posterior);
-        learn(&mut self.values, self.action, earned, &self.policy, &settings.learning);
+        learn(&mut self.values, report.action, earned, &self.policy, &settings.learning);
         self.policy = policy(&self.values, count, temperature);
 
         if settings.planned_actions > 0 && count > 1 {

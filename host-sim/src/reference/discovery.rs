@@ -23,11 +23,13 @@ const GATE: f32 = 3.0;
 const TAG_SHARE: f32 = 0.3;
 const LIGHTEST: f32 = 1e-3;
 const MERGE_DISTANCE2: f32 = 1.0;
-const MISSES: u16 = 4;
+const MISSES: u16 = 8;
 const PROBATION: u16 = 8;
 const HIT_SHARE: f32 = 0.6;
-const RESOLVED_HITS: u16 = 30;
-const RESOLVED_WEIGHT: f32 = 0.99;
+const SETTLED_SHARE: f32 = 0.6;
+const SETTLED_M2: f32 = 2.5e-3;
+const RESOLVED_HITS: u16 = 100;
+const RESOLVED_WEIGHT: f32 = 0.999;
 const RESOLVED_TRACE_M2: f32 = 0.16;
 const RESOLVED_INFLATION: f32 = 3.0;
 /// Least variances of angle and radius.
@@ -135,8 +137,11 @@ impl<T: Real> Discovery<T> {
             }
         }
         candidates.retain(Candidate::is_plausible);
+        let tag = T::of(0.5) * (viewpoint.covariance_m2[0] + viewpoint.covariance_m2[2]);
         for m in 0..leftovers.len() {
-            if !used[m] && candidates.len() < CANDIDATES {
+            let share = T::of(SETTLED_SHARE) * leftovers[m].variance_m2;
+            let settled = tag < larger(share, T::of(SETTLED_M2));
+            if !used[m] && settled && candidates.len() < CANDIDATES {
                 candidates.push(Candidate::ring(viewpoint, &leftovers[m]));
             }
         }
@@ -155,10 +160,16 @@ impl<T: Real> Discovery<T> {
 
     /// Every number with its name, in the order of the core's `visit`.
     pub fn visit(&self, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
+        let length = |n: usize| T::of(n as f32);
+        for j in 0..self.candidates.len() {
+            f(format_args!("number of candidates of anchor {j}"), length(self.candidates[j].len()));
+        }
         for j in 0..self.candidates.len() {
             for i in 0..self.candidates[j].len() {
                 let candidate = &self.candidates[j][i];
                 let count = |n: u16| T::of(f32::from(n));
+                let hypotheses = length(candidate.hypotheses.len());
+                f(format_args!("number of hypotheses of candidate {i} of anchor {j}"), hypotheses);
                 f(format_args!("hits of candidate {i} of anchor {j}"), count(candidate.hits));
                 f(format_args!("age of candidate {i} of anchor {j}"), count(candidate.age));
                 f(format_args!("misses of candidate {i} of anchor {j}"), count(candidate.misses));
@@ -408,6 +419,10 @@ impl<T: Real> Hypothesis<T> {
     /// Whether the squared Mahalanobis distance, under both covariances together, is small. Order: as a quadratic form
     /// against the determinant, without a division.
     fn is_close(&self, other: &Self) -> bool {
+        let ([x, y], [u, v]) = (self.direction, other.direction);
+        if x * u + y * v <= T::ZERO {
+            return false;
+        }
         let num = T::of;
         let da = self.angle_to(other);
         let dr = other.radius_m - self.radius_m;

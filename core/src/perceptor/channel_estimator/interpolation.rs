@@ -36,7 +36,8 @@ impl Interpolation {
     pub fn at(&self, samples: &[Complex], position: f32) -> Complex {
         let base = floor(position);
         let phase = (position - base) * PHASES as f32;
-        let step = phase as usize;
+        // A position so little below zero that its fraction rounds to one still has its two kernels.
+        let step = (phase as usize).min(PHASES - 1);
         let between = phase - step as f32;
         let (Some(low), Some(high)) = (self.kernels.get(step), self.kernels.get(step + 1)) else {
             return [0.0, 0.0];

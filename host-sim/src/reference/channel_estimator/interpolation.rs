@@ -38,11 +38,8 @@ impl<T: Real> Interpolation<T> {
     pub fn at(&self, samples: &[[T; 2]], position: T) -> [T; 2] {
         let base = floor(position);
         let phase = (position - base) * T::of_count(PHASES);
-        let step = phase.whole() as usize;
-        if step >= PHASES {
-            // A position so little below zero that its fraction rounds to one.
-            return [T::ZERO; 2];
-        }
+        // A position so little below zero that its fraction rounds to one belongs to the last pair of kernels.
+        let step = (phase.whole() as usize).min(PHASES - 1);
         let between = phase - T::of_count(step);
         let mut sum = [T::ZERO; 2];
         for tap in 0..TAPS {
