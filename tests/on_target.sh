@@ -7,6 +7,7 @@
 # Takes the rustup target where it is installed; else Debian's toolchain with the sources of `core`; else installs
 # the one or the other. Exit code 0 only when all hashes are equal and no panic symbol is linked.
 set -euo pipefail
+here=$PWD
 cd "$(dirname "$0")/.."
 
 target=thumbv7em-none-eabihf
@@ -16,8 +17,16 @@ recording=()
 while [ $# -gt 0 ]; do
   case $1 in
     --json) json=--json ;;
-    --cycles) cycles=${2:?--cycles needs a number}; shift ;;
-    --recording) recording=(--recording "${2:?--recording needs a folder}"); shift ;;
+    --cycles | --recording)
+      [ $# -gt 1 ] || { echo "on_target.sh: $1 needs a value" >&2; exit 2; }
+      if [ "$1" = --cycles ]; then
+        cycles=$2
+      else
+        # Relative to the caller's folder.
+        recording=(--recording "$(cd "$here" && realpath -m -- "$2")")
+      fi
+      shift
+      ;;
     *) echo "on_target.sh: unknown option $1 (known: --json, --cycles N, --recording DIR)" >&2; exit 2 ;;
   esac
   shift

@@ -113,7 +113,11 @@ impl Default for Config {
     /// The published set-up: a tag at 1 cm per cycle in a room, a 2 GHz radio, 40 actions of which 20 planned.
     fn default() -> Self {
         Self {
-            motion: Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 },
+            motion: Motion {
+                acceleration_std_m_s2: 0.01,
+                virtual_anchor_walk_m: 1e-4,
+                position_std_limit_m: 30.0,
+            },
             start: Start { position_m: [0.0, 0.0], position_std_m: 0.25, velocity_std_m_s: 0.03 },
             ranging: Ranging {
                 variance_inflation: 2.25,
@@ -163,6 +167,7 @@ impl Config {
         let Config { motion, start, ranging, association, discovery: _, radio, controller } = self;
         within(motion.acceleration_std_m_s2, 1e-6, 100.0, Setting::AccelerationStd)?;
         within(motion.virtual_anchor_walk_m, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
+        within(motion.position_std_limit_m, 1.0, 1e4, Setting::PositionLimit)?;
         for coordinate in start.position_m {
             within(coordinate, -1e4, 1e4, Setting::StartPosition)?;
         }
@@ -181,7 +186,7 @@ impl Config {
         within(radio.sample_spacing_s, 0.99e-11, 1.01e-8, Setting::SampleSpacing)?;
         within(radio.samples_per_frame as f32, 16.0, 4096.0, Setting::SampleCount)?;
         if let Some(full_scale) = radio.full_scale {
-            within(full_scale, 1e-15, 1e15, Setting::FullScale)?;
+            within(full_scale, 1e-12, 1e12, Setting::FullScale)?;
         }
         within(radio.false_paths_per_frame, 1e-4, 10.0, Setting::FalsePaths)?;
         within(controller.learning.rate, 0.0, 1.0, Setting::LearningRate)?;

@@ -40,7 +40,7 @@ pub enum Error {
         /// The index asked for.
         action: usize,
     },
-    /// Two observations of the same kind for one anchor in one cycle, or a sequence number seen before.
+    /// Two observations of the same kind for one anchor in one cycle, or the sequence number of its last frame again.
     DuplicateFrame {
         /// The anchor.
         anchor: usize,
@@ -59,7 +59,7 @@ pub enum Error {
         /// Samples expected.
         expected: usize,
     },
-    /// A sample is NaN, infinite or beyond 1e15.
+    /// A sample is NaN, infinite or beyond 1e12.
     SampleNotFinite {
         /// The anchor.
         anchor: usize,
@@ -124,6 +124,7 @@ pub enum Error {
 pub enum Setting {
     AccelerationStd,
     VirtualAnchorWalk,
+    PositionLimit,
     StartPosition,
     StartDeviation,
     BiasPrior,

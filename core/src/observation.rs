@@ -38,7 +38,7 @@ pub struct Frame<'a> {
     pub anchor: usize,
     /// Index of the action (carrier and pulse) the frame was received with.
     pub action: usize,
-    /// The radio's frame counter, where it has one: a counter seen before is refused as a duplicate.
+    /// The radio's frame counter, where it has one: the anchor's last value again is refused as a duplicate.
     pub sequence: Option<u32>,
     /// Propagation delay that the first sample stands for, seconds; may be negative.
     pub first_sample_delay_s: f32,
@@ -85,8 +85,8 @@ impl Observation<'_> {
     }
 }
 
-/// Largest sample magnitude accepted: its square, summed over a frame, stays finite in f32.
-const LARGEST_SAMPLE: f32 = 1e15;
+/// Largest sample magnitude accepted: energies times squared ranges, summed over a frame, stay finite in f32.
+const LARGEST_SAMPLE: f32 = 1e12;
 
 /// What a frame must satisfy.
 #[derive(Clone, Copy, Debug)]

@@ -109,6 +109,7 @@ impl Feed {
         config.association.detection_probability = self.float()?;
         config.association.clutter_per_anchor = self.float()?;
         config.ranging.max_range_m = self.float()?;
+        config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = self.float()?;
         config.ranging.bias_std_m = self.float()?;
         config.radio.roll_off = self.float()?;

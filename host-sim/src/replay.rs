@@ -27,6 +27,10 @@ pub type LargeTracker = Tracker<LARGE_ANCHORS, VAS, PATHS, ACTIONS>;
 
 /// Time before the first cycle: the start prior is about its very moment, and time must advance.
 const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;
+/// Time must advance also where two cycles are closer than single precision tells.
+const SHORTEST_STEP_S: f32 = 1e-6;
+/// The core's longest step of time; a longer gap makes it no wiser.
+const LONGEST_GAP_S: f32 = 3600.0;
 
 /// Everything a tracker is started with.
 #[derive(Clone, Debug)]
@@ -74,6 +78,7 @@ impl Setup {
         config.association.detection_probability = association.detection_probability.min(0.999) as f32;
         config.association.clutter_per_anchor = association.clutter_per_anchor.max(1e-3) as f32;
         config.ranging.max_range_m = association.max_range_m as f32;
+        config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = radio.range_bias_mean_m as f32;
         config.ranging.bias_std_m = radio.range_bias_std_m as f32;
         config.radio.roll_off = radio.roll_off as f32;
@@ -177,12 +182,17 @@ pub fn inputs(recording: &Recording) -> impl Iterator<Item = CycleInput<'_>> {
     let mut previous = None;
     recording.cycles.iter().map(move |cycle| {
         let elapsed_s = previous.map_or(BEFORE_FIRST_CYCLE_S, |then: f64| (cycle.time_s - then) as f32);
+        let elapsed_s = elapsed_s.clamp(SHORTEST_STEP_S, LONGEST_GAP_S);
         previous = Some(cycle.time_s);
         let mut ranges: Vec<(usize, Vec<Range>)> = Vec::new();
         for range in &cycle.ranges {
+            if !(range.range_m > 0.0 && range.range_m <= recording.association.max_range_m) {
+                // No path has this length: the radio's mistake should not cost the cycle.
+                continue;
+            }
             let std_m = range.std_m.unwrap_or(recording.radio.range_std_m);
             let range_m = range.range_m as f32;
-            let entry = Range { range_m, variance_m2: (std_m * std_m) as f32 };
+            let entry = Range { range_m, variance_m2: (std_m * std_m).clamp(1e-6, 1e4) as f32 };
             match ranges.iter_mut().find(|(anchor, _)| *anchor == range.anchor) {
                 Some((_, list)) => list.push(entry),
                 None => ranges.push((range.anchor, vec![entry])),

@@ -31,8 +31,8 @@ pub struct Verification {
     pub equal: bool,
     /// The first number that did not; the comparison ends with its cycle.
     pub first_difference: Option<Difference>,
-    /// How many of the core's numbers were NaN: none ever should be.
-    pub not_a_number: u64,
+    /// How many of the core's numbers were NaN or infinite: none ever should be.
+    pub not_finite: u64,
     /// What happened in the cycles compared.
     pub covered: Coverage,
     /// Largest distance between the core's position and that of the reference in `f64`, metres.
@@ -215,7 +215,7 @@ fn run<const A: usize>(
         compared: comparison.compared,
         equal: comparison.first.is_none(),
         first_difference: comparison.first,
-        not_a_number: comparison.not_a_number,
+        not_finite: comparison.not_finite,
         covered,
         f64_position_error_max_m: errors.all.max,
         f64_position_error_rms_m: errors.all.rms(),
@@ -258,13 +258,13 @@ impl Observer<VAS, PATHS> for Watch {
 struct Comparison {
     cycle: usize,
     compared: u64,
-    not_a_number: u64,
+    not_finite: u64,
     first: Option<Difference>,
 }
 
 impl Comparison {
     fn float(&mut self, stage: &'static str, quantity: fmt::Arguments<'_>, core: f32, reference: f32) {
-        self.not_a_number += u64::from(core.is_nan());
+        self.not_finite += u64::from(!core.is_finite());
         let number = |x: f32| Number { value: f64::from(x), bits: format!("{:#010x}", x.to_bits()) };
         let equal = core.to_bits() == reference.to_bits();
         self.note(equal, stage, quantity, || [number(core), number(reference)]);
@@ -814,7 +814,7 @@ mod tests {
         let outcome = verify_setup(setup, recording, Path::new("made"), None, |_| {}).unwrap();
         assert!(outcome.equal, "{}", outcome.first_difference.unwrap());
         assert_eq!(outcome.cycles, recording.cycles.len());
-        assert_eq!(outcome.not_a_number, 0);
+        assert_eq!(outcome.not_finite, 0);
         outcome
     }
 

@@ -82,7 +82,8 @@ fn innovation<const A: usize, const V: usize>(
 #[test]
 fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(11));
-    let motion = Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 };
+    let motion =
+        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
     let true_vas = [[-0.5_f64, 7.0], [11.5, 7.0], [0.5, -7.0], [6.8, 3.2], [5.2, -3.2], [5.2, 13.8]];
     let mut filter = StateFilter::<2, 8>::new(motion, [3.02, 7.80], 0.1, 0.03, 0.0, 0.0);
     let n = 4 + 2 * true_vas.len();
@@ -154,7 +155,8 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
 
 #[test]
 fn the_order_of_measurements_within_a_cycle_does_not_matter() {
-    let motion = Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 };
+    let motion =
+        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
     let mut forwards = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
     assert!(forwards.insert_independent(0, [-0.5, 7.0], 0.2));
     let mut backwards = forwards.clone();
@@ -235,7 +237,11 @@ fn the_covariance_stays_positive_definite_at_full_size() {
     for deviation in [1e-3_f64, 1e-2, 1.0] {
         for prior in [0.03_f32, 10.0] {
             let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(3));
-            let motion = Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4 };
+            let motion = Motion {
+                acceleration_std_m_s2: 0.01,
+                virtual_anchor_walk_m: 1e-4,
+                position_std_limit_m: 30.0,
+            };
             let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], prior, 0.03, 0.0, 0.0);
             let mut images = Vec::new();
             for slot in 0..24 {
@@ -278,5 +284,37 @@ fn the_covariance_stays_positive_definite_at_full_size() {
                 "deviation {deviation} m, prior {prior} m: least relative pivot {least:.1e} in {cycles} cycles"
             );
         }
+    }
+}
+
+#[test]
+fn range_biases_are_found_while_the_tag_moves() {
+    let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(21));
+    let anchors = [[0.0_f32, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]];
+    let biases = [0.20_f64, -0.10, 0.30, 0.05];
+    let motion =
+        Motion { acceleration_std_m_s2: 0.5, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let mut filter = StateFilter::<4, 1>::new(motion, [3.0, 4.5], 0.3, 0.5, 0.0, 0.2);
+    for cycle in 0..3000 {
+        let angle = 0.05 * f64::from(cycle);
+        let truth = [3.0 + 2.0 * angle.sin(), 3.0 + 1.5 * (0.7 * angle).cos()];
+        filter.predict(0.1);
+        let innovations: Vec<Innovation> = (0..4)
+            .map(|anchor| {
+                let [x, y] = anchors[anchor].map(f64::from);
+                let range = (truth[0] - x).hypot(truth[1] - y) + biases[anchor] + 0.05 * noise.normal();
+                let sight = Sight { anchor_m: anchors[anchor], height_m: 0.0 };
+                let regression = filter.regress(Source::Direct { anchor }, &sight).unwrap();
+                let nu = range as f32 - regression.range_m;
+                Innovation { regression, weight: 1.0, first_m: nu, second_m2: nu * nu, variance_m2: 0.0025 }
+            })
+            .collect();
+        filter.update(innovations);
+    }
+    for (anchor, bias) in biases.iter().enumerate() {
+        let (mean, variance) = filter.bias_m(anchor).unwrap();
+        let error = f64::from(mean) - bias;
+        println!("anchor {anchor}: bias off by {error:.3} m, deviation {:.3} m", variance.sqrt());
+        assert!(error.abs() < 0.03 && variance.sqrt() < 0.03, "anchor {anchor}: {error} m");
     }
 }

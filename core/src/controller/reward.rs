@@ -22,7 +22,11 @@ pub enum Reward {
     },
 }
 
-/// Reward of a cycle from the agent's covariance before prediction, after prediction and after the update.
+/// No reward is larger than this, either way: beyond it covariances have left the range of sense.
+const LARGEST: f32 = 100.0;
+
+/// Reward of a cycle from the agent's covariance before prediction, after prediction and after the update; within
+/// +-100.
 pub fn reward(
     kind: Reward,
     previous: &Matrix4<f32>,
@@ -31,10 +35,10 @@ pub fn reward(
 ) -> f32 {
     let entropy = |c: &Matrix4<f32>| position_entropy_nat(&position_block(c));
     match kind {
-        Reward::InformationGain => entropy(predicted) - entropy(posterior),
+        Reward::InformationGain => limited(entropy(predicted) - entropy(posterior), -LARGEST, LARGEST),
         Reward::EntropyChange => limited(entropy(previous) - entropy(posterior), -3.0, 3.0),
         Reward::Published { scale } => {
-            let change = scale * (determinant(previous) - determinant(posterior));
+            let change = limited(scale * (determinant(previous) - determinant(posterior)), -1e37, 1e37);
             if abs(change) < 1e-37 {
                 0.0
             } else if change > 0.0 {

@@ -6,11 +6,12 @@ use nalgebra::{Matrix2, Matrix4};
 /// ln(2 pi e), the entropy of a two-dimensional Gaussian of unit determinant.
 const LN_TAU_E: f32 = 2.837_877;
 
-/// h = 1/2 ln det C + ln(2 pi e) of a position covariance C in square metres. Determinants below 1e-30 count as
-/// 1e-30.
+/// h = 1/2 ln det C + ln(2 pi e) of a position covariance C in square metres, from the logarithms of its pivots, so
+/// that nothing overflows. Pivots below 1e-15 count as 1e-15.
 pub fn position_entropy_nat(covariance_m2: &Matrix2<f32>) -> f32 {
-    let determinant = covariance_m2.m11 * covariance_m2.m22 - covariance_m2.m21 * covariance_m2.m21;
-    0.5 * ln(larger(determinant, 1e-30)) + LN_TAU_E
+    let first = larger(covariance_m2.m11, 1e-15);
+    let second = larger(covariance_m2.m22 - covariance_m2.m21 * (covariance_m2.m21 / first), 1e-15);
+    0.5 * (ln(first) + ln(second)) + LN_TAU_E
 }
 
 /// The position block of an agent covariance.

@@ -138,10 +138,10 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
                 // Never seen yet: nothing to compare a miss to.
                 return;
             }
-            row.reference = larger(compensated, REFERENCE_FLOOR);
+            row.reference = limited(compensated, REFERENCE_FLOOR, 1.0 / REFERENCE_FLOOR);
         }
         let relative = limited(compensated / row.reference, 0.0, 1e6);
-        let sinr_ln = ln(larger(sinr, 1e-3));
+        let sinr_ln = ln(limited(sinr, 1e-3, 1e12));
         for (other, moments) in row.moments.iter_mut().enumerate().take(library.len()) {
             let overlap = library.overlap(action, other);
             let squared = overlap * overlap;

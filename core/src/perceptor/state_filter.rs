@@ -19,6 +19,10 @@
 //! more than 2^-10 at once (a smaller measurement variance is raised to that, and the next cycle takes the
 //! rest). Each prediction adds 2^-19 of its own variance to every state, the size of the rounding errors of a
 //! cycle. Variances of the predicted range are sums of squares, never differences.
+//!
+//! **Bounded.** What is never observed must not grow without end: after a prediction, each state whose variance
+//! exceeds its limit is scaled back, C <- D C D with a diagonal D (which keeps C positive definite). A bias is
+//! limited to its prior, the position to the reach of the radio.
 
 use crate::real::{larger, smaller, sqrt};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
@@ -27,6 +31,9 @@ use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
 /// Relative growth of every variance per prediction, 2^-19: covers the rounding of a cycle's updates.
 const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
+/// Largest variance of a velocity, (1 km/s)^2, and of a virtual anchor's coordinate, (1 km)^2.
+const VELOCITY_LIMIT: f32 = 1e6;
+const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
 /// Least standard deviation that sigma points are spread by, squared, square metres.
 const SMALLEST_SPREAD_M2: f32 = 1e-12;
 
@@ -104,6 +111,9 @@ pub struct Motion {
     pub acceleration_std_m_s2: f32,
     /// Random walk of each virtual anchor per cycle and axis, metres (1e-7 to 1). Larger forgets map errors faster.
     pub virtual_anchor_walk_m: f32,
+    /// The position's standard deviation never exceeds this, metres (1 to 1e4): a tag that is still heard is within
+    /// reach, however long it was not.
+    pub position_std_limit_m: f32,
 }
 
 /// Joint covariance in blocks. Of C_aa, the blocks with l <= k are kept.
@@ -141,6 +151,7 @@ pub struct StateFilter<const ANCHORS: usize, const VAS: usize> {
     covariance: Covariance<ANCHORS, VAS>,
     occupied: [bool; VAS],
     estimate_bias: bool,
+    bias_limit_m2: f32,
     motion: Motion,
 }
 
@@ -180,6 +191,7 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             },
             occupied: [false; VAS],
             estimate_bias: bias_std_m > 0.0,
+            bias_limit_m2: bias_std_m * bias_std_m,
             motion,
         }
     }
@@ -371,6 +383,68 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             if let Some(block) = row.get_mut(k) {
                 block.m11 = block.m11 * margin + walk;
                 block.m22 = block.m22 * margin + walk;
+            }
+        }
+        self.limit();
+    }
+
+    /// Scales back every state whose variance exceeds its limit.
+    fn limit(&mut self) {
+        let c = &mut self.covariance;
+        let reach = self.motion.position_std_limit_m * self.motion.position_std_limit_m;
+        let mut exceeded = false;
+        let mut factor = |variance: f32, limit: f32| {
+            if variance > limit {
+                exceeded = true;
+                sqrt(limit / variance)
+            } else {
+                1.0
+            }
+        };
+        let x = Vector4::new(
+            factor(c.xx.m11, reach),
+            factor(c.xx.m22, reach),
+            factor(c.xx.m33, VELOCITY_LIMIT),
+            factor(c.xx.m44, VELOCITY_LIMIT),
+        );
+        let mut b = [1.0; ANCHORS];
+        if self.estimate_bias {
+            for (j, (factor_b, row)) in b.iter_mut().zip(&c.bb).enumerate() {
+                if let Some(variance) = row.get(j) {
+                    *factor_b = factor(*variance, self.bias_limit_m2);
+                }
+            }
+        }
+        let mut a = [Vector2::new(1.0, 1.0); VAS];
+        for (k, (factor_a, row)) in a.iter_mut().zip(&c.aa).enumerate() {
+            if let Some(own) = row.get(k) {
+                factor_a.x = factor(own.m11, VIRTUAL_ANCHOR_LIMIT_M2);
+                factor_a.y = factor(own.m22, VIRTUAL_ANCHOR_LIMIT_M2);
+            }
+        }
+        if !exceeded {
+            return;
+        }
+        for (column, fc) in c.xx.column_iter_mut().zip(x.iter()) {
+            scale(column, x.iter(), *fc);
+        }
+        for ((xb, row), fb) in c.xb.iter_mut().zip(&mut c.bb).zip(&b) {
+            scale(xb.column_mut(0), x.iter(), *fb);
+            for (entry, other) in row.iter_mut().zip(&b) {
+                *entry *= fb * other;
+            }
+        }
+        for (((xa, ba), row), fa) in c.xa.iter_mut().zip(&mut c.ba).zip(&mut c.aa).zip(&a) {
+            for (column, fc) in xa.column_iter_mut().zip(fa.iter()) {
+                scale(column, x.iter(), *fc);
+            }
+            for (cross, fb) in ba.iter_mut().zip(&b) {
+                scale(cross.column_mut(0), fa.iter(), *fb);
+            }
+            for (block, fl) in row.iter_mut().zip(&a) {
+                for (column, fc) in block.column_iter_mut().zip(fl.iter()) {
+                    scale(column, fa.iter(), *fc);
+                }
             }
         }
     }
@@ -626,6 +700,17 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             ba.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
             aa.iter().take(k + 1).for_each(|block| block.iter().for_each(|v| f(*v)));
         }
+    }
+}
+
+/// Multiplies a column's entries by their rows' factors and the column's own, as (row x column) x entry.
+fn scale<'a, R: nalgebra::Dim, S: nalgebra::RawStorageMut<f32, R>>(
+    mut column: nalgebra::Matrix<f32, R, nalgebra::U1, S>,
+    rows: impl Iterator<Item = &'a f32>,
+    factor: f32,
+) {
+    for (entry, row) in column.iter_mut().zip(rows) {
+        *entry *= row * factor;
     }
 }
 

@@ -33,9 +33,14 @@ fn progress(length: usize, what: &str) -> ProgressBar {
     bar
 }
 
-/// Prints to standard output; a closed pipe ends the printing, not the command.
+/// Prints to standard output. A closed pipe ends the printing; any other failure, such as a full disk, the command.
 fn print(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{text}");
+    if let Err(error) = writeln!(std::io::stdout(), "{text}")
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        eprintln!("cogmint: standard output: {error}");
+        std::process::exit(1);
+    }
 }
 
 fn print_json(value: &impl Serialize) -> Result<(), Failure> {

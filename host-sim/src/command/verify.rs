@@ -54,6 +54,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             ));
         }
     }
+    if outcome.not_finite > 0 {
+        return Err(Failure::Work(format!("{} of the core's numbers are not finite", outcome.not_finite)));
+    }
     match outcome.first_difference {
         None => Ok(()),
         Some(difference) => Err(Failure::Work(difference.to_string())),

@@ -126,10 +126,10 @@ impl<T: Real> ChannelMemory<T> {
                 // Never seen yet: nothing to compare a miss to.
                 return;
             }
-            row.reference = larger(energy, num(REFERENCE_FLOOR));
+            row.reference = limited(energy, num(REFERENCE_FLOOR), T::ONE / num(REFERENCE_FLOOR));
         }
         let relative = limited(energy / row.reference, T::ZERO, num(1e6));
-        let sinr_ln = ln(larger(sinr, num(1e-3)));
+        let sinr_ln = ln(limited(sinr, num(1e-3), num(1e12)));
         for other in 0..library.len() {
             let moments = &mut row.moments[other];
             // Order: rho^4 as a square of squares, then the weight.

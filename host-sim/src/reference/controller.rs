@@ -84,13 +84,17 @@ pub fn reward<T: Real>(
 ) -> T {
     let num = T::of;
     match kind {
-        Reward::InformationGain => position_entropy_nat(predicted) - position_entropy_nat(posterior),
+        Reward::InformationGain => {
+            let gain = position_entropy_nat(predicted) - position_entropy_nat(posterior);
+            limited(gain, num(-100.0), num(100.0))
+        }
         Reward::EntropyChange => {
             let change = position_entropy_nat(previous) - position_entropy_nat(posterior);
             limited(change, num(-3.0), num(3.0))
         }
         Reward::Published { scale } => {
             let change = num(scale) * (determinant(previous) - determinant(posterior));
+            let change = limited(change, num(-1e37), num(1e37));
             if abs(change) < num(1e-37) {
                 T::ZERO
             } else if change > T::ZERO {

@@ -12,8 +12,11 @@ const LN_TAU_E: f32 = 2.837_877;
 
 /// Entropy of the position of an agent covariance, nats.
 pub fn position_entropy_nat<T: Real>(c: &Matrix<T>) -> T {
-    let determinant = c[PX][PX] * c[PY][PY] - square(c[PY][PX]);
-    T::of(0.5) * ln(larger(determinant, T::of(1e-30))) + T::of(LN_TAU_E)
+    // Order: the quotient before the product.
+    let least = T::of(1e-15);
+    let first = larger(c[PX][PX], least);
+    let second = larger(c[PY][PY] - c[PY][PX] * (c[PY][PX] / first), least);
+    T::of(0.5) * (ln(first) + ln(second)) + T::of(LN_TAU_E)
 }
 
 /// Determinant of an agent covariance: the product of the pivots of C = L D L'. Pivots below zero count as zero.

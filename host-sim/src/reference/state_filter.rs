@@ -35,6 +35,9 @@ pub const AGENT: usize = 4;
 const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
 /// Growth of every variance per prediction, to cover rounding.
 const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
+/// Largest variance of a velocity and of a virtual anchor's coordinate.
+const VELOCITY_LIMIT: f32 = 1e6;
+const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
 /// Least variance that sigma points are spread by, square metres.
 const SMALLEST_SPREAD_M2: f32 = 1e-12;
 /// Spread of the sigma points, standard deviations: the square root of 3.
@@ -94,6 +97,7 @@ pub struct StateFilter<T> {
     covariance: Matrix<T>,
     occupied: Vec<bool>,
     estimate_bias: bool,
+    bias_limit_m2: T,
     motion: Motion,
 }
 
@@ -160,7 +164,8 @@ impl<T: Real> StateFilter<T> {
             covariance[AGENT + anchor][AGENT + anchor] = square(T::of(prior.bias_std_m));
         }
         let estimate_bias = prior.bias_std_m > 0.0;
-        Self { anchors, mean, covariance, occupied: vec![false; slots], estimate_bias, motion }
+        let bias_limit_m2 = square(T::of(prior.bias_std_m));
+        Self { anchors, mean, covariance, occupied: vec![false; slots], estimate_bias, bias_limit_m2, motion }
     }
 
     /// Index of an anchor's bias.
@@ -299,6 +304,36 @@ impl<T: Real> StateFilter<T> {
             self.covariance[i][i] *= growth;
             if !self.is_bias(i) {
                 self.covariance[i][i] += walk;
+            }
+        }
+        self.limit();
+    }
+
+    /// C <- D C D, D diagonal, so that no variance exceeds its limit. Order: the factors of row and column first.
+    fn limit(&mut self) {
+        let size = self.mean.len();
+        let mut factor = vec![T::ONE; size];
+        let mut exceeded = false;
+        for i in self.active() {
+            let limit = if i == PX || i == PY {
+                square(T::of(self.motion.position_std_limit_m))
+            } else if i < AGENT {
+                T::of(VELOCITY_LIMIT)
+            } else if self.is_bias(i) {
+                self.bias_limit_m2
+            } else {
+                T::of(VIRTUAL_ANCHOR_LIMIT_M2)
+            };
+            if self.covariance[i][i] > limit {
+                factor[i] = sqrt(limit / self.covariance[i][i]);
+                exceeded = true;
+            }
+        }
+        if exceeded {
+            for i in 0..size {
+                for j in 0..size {
+                    self.covariance[i][j] *= factor[i] * factor[j];
+                }
             }
         }
     }

@@ -12,7 +12,7 @@
 
 use super::gram::Square;
 use super::magnitude::parabola_vertex;
-use super::noise::{LevelWalk, NoiseLevel, TrimmedMean, level_at, white_level};
+use super::noise::{LevelWalk, NoiseLevel, TrimmedMean, level_at, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
 use crate::observation::Complex;
 use crate::real::{abs, larger, smaller, sqrt};
@@ -24,6 +24,8 @@ const STRONG: f32 = 316.0;
 const SKIP_PULSES: f32 = 1.5;
 /// Two paths closer than this many pulse durations are one.
 const MERGE_PULSES: f32 = 0.3;
+/// Added to the Gram matrix's diagonal for the final amplitudes: two paths that nearly cancel stay finite.
+const RIDGE: f32 = 1e-3;
 /// A candidate whose s is below this is explained by the paths already there.
 const SMALLEST_S: f32 = 0.02;
 
@@ -50,6 +52,8 @@ struct Fit<'a, const PATHS: usize> {
     samples: &'a [Complex],
     components: Vec<Component, PATHS>,
     noise: NoiseLevel,
+    /// White noise is never taken as less than this: -120 dB of the strongest sample.
+    floor: f32,
     posterior: Square<PATHS>,
 }
 
@@ -60,11 +64,13 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         first_sample_delay_s: f32,
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(power), samples.len());
+        let strongest = samples.iter().map(power).fold(0.0, larger);
         let mut fit = Fit {
             estimator: self,
             samples,
             components: Vec::new(),
             noise: NoiseLevel::white(white),
+            floor: level_floor(strongest),
             posterior: Square::zero(),
         };
         for round in 0..PATHS + 4 {
@@ -134,13 +140,14 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             if near_strong {
                 continue;
             }
-            let level = white + dense * profile;
+            // In units of the white noise, so that the unit of the samples does not matter.
+            let level = 1.0 + dense * profile / white;
             let weight = profile / (level * level);
-            excess += weight * (residual - white);
+            excess += weight * (residual / white - 1.0);
             norm += weight * profile;
         }
-        let white = larger(trimmed.mean(), 1e-6 * white);
-        let dense = if norm > 0.0 { larger(excess / norm, 0.0) } else { 0.0 };
+        let dense = if norm > 0.0 { white * larger(excess / norm, 0.0) } else { 0.0 };
+        let white = larger(trimmed.mean(), self.floor);
         self.noise = NoiseLevel { white, dense, onset_samples: onset };
         let noise = self.noise;
         for component in &mut self.components {
@@ -361,7 +368,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 gram.set(k, l, r);
                 gram.set(l, k, r);
             }
-            gram.set(k, k, 1.0 + 1e-5);
+            gram.set(k, k, 1.0 + RIDGE);
         }
         let inverse = gram.inverse(size);
         let mut paths: Vec<Path, PATHS> = Vec::new();

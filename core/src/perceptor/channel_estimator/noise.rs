@@ -163,7 +163,12 @@ pub(super) fn white_level<I: Iterator<Item = f32>>(powers: impl Fn() -> I, sampl
         powers().for_each(|power| trimmed.add(power));
         level = trimmed.mean();
     }
-    larger(level, larger(strongest * 1e-12, 1e-30))
+    larger(level, level_floor(strongest))
+}
+
+/// Least white noise beside samples whose strongest power is `strongest`: -120 dB of it, and never zero.
+pub(super) fn level_floor(strongest: f32) -> f32 {
+    larger(strongest * 1e-12, 1e-30)
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@
 //! This twin keeps buffers of the residual; the core recomputes it where needed.
 
 use super::linear_algebra::inverse;
-use super::noise::{NoiseLevel, profiles, trimmed_mean, white_level};
+use super::noise::{NoiseLevel, level_floor, profiles, trimmed_mean, white_level};
 use super::{ChannelEstimate, ChannelEstimator, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
@@ -47,6 +47,8 @@ struct Fit<'a, T> {
     samples: &'a [[T; 2]],
     components: Vec<Component<T>>,
     noise: NoiseLevel<T>,
+    /// Least white noise.
+    floor: T,
     /// Sigma.
     posterior: Matrix<T>,
 }
@@ -58,7 +60,8 @@ pub(super) fn estimate<T: Real>(
 ) -> ChannelEstimate<T> {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
     let noise = NoiseLevel::white(white_level(&powers));
-    let mut fit = Fit { estimator, samples, components: Vec::new(), noise, posterior: Vec::new() };
+    let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
+    let mut fit = Fit { estimator, samples, components: Vec::new(), noise, floor, posterior: Vec::new() };
     for round in 0..estimator.most_paths + 4 {
         if round > 0 {
             // The first fit beside a path starts from nothing, so it is iterated.
@@ -127,13 +130,14 @@ impl<T: Real> Fit<'_, T> {
             if profile[n] <= T::ZERO || near_strong {
                 continue;
             }
-            let level = old.white + old.dense * profile[n];
+            // Order: in units of the white noise.
+            let level = T::ONE + old.dense * profile[n] / old.white;
             let weight = profile[n] / square(level);
-            excess += weight * (residual[n] - old.white);
+            excess += weight * (residual[n] / old.white - T::ONE);
             norm += weight * profile[n];
         }
-        let white = larger(trimmed_mean(&residual, old.white), num(1e-6) * old.white);
-        let dense = if norm > T::ZERO { larger(excess / norm, T::ZERO) } else { T::ZERO };
+        let dense = if norm > T::ZERO { old.white * larger(excess / norm, T::ZERO) } else { T::ZERO };
+        let white = larger(trimmed_mean(&residual, old.white), self.floor);
         self.noise = NoiseLevel { white, dense, onset_samples: onset };
         for component in &mut self.components {
             component.level = self.noise.at(component.position, spacing);
@@ -326,7 +330,7 @@ impl<T: Real> Fit<'_, T> {
 
     /// The paths, with amplitudes by least squares (no prior).
     fn finish(self, first_sample_delay_s: T) -> ChannelEstimate<T> {
-        let inverse = inverse(&self.gram(|_| T::of(1e-5)));
+        let inverse = inverse(&self.gram(|_| T::of(1e-3)));
         let mut paths = Vec::new();
         for k in 0..self.components.len() {
             let mut amplitude = [T::ZERO; 2];

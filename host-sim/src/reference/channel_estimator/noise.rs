@@ -102,5 +102,10 @@ pub(super) fn white_level<T: Real>(powers: &[T]) -> T {
     for _ in 0..3 {
         level = trimmed_mean(powers, level);
     }
-    larger(level, larger(strongest * T::of(1e-12), T::of(1e-30)))
+    larger(level, level_floor(strongest))
+}
+
+/// Least white noise beside samples whose strongest power is `strongest`.
+pub fn level_floor<T: Real>(strongest: T) -> T {
+    larger(strongest * T::of(1e-12), T::of(1e-30))
 }
