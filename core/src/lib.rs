@@ -10,8 +10,9 @@
 //! - [`perceptor`]: channel estimator, association, state filter, discovery. Each can be used alone.
 //! - [`memory`], [`information`], [`controller`]: what is remembered, what a measurement tells, what to do next.
 //!
-//! Every layer is public and documented. Input comes as [`observation`]s; [`config::Config`] is plain data; bad
-//! input is an [`Error`] and changes nothing.
+//! Every layer is public and documented. Input comes as [`observation`]s; [`config::Config`] is plain data. The
+//! tracker checks everything it is given: bad input is an [`Error`] and changes nothing. The stages below it never
+//! panic, but work on what they get: finite numbers within the ranges that [`config::Config`] documents.
 //!
 //! # Guarantees
 //!

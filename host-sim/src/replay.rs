@@ -1,11 +1,11 @@
 //! Replay: a recording becomes what the core takes in, cycle by cycle.
 
 use crate::input_error::InputError;
-use crate::recording::{self, Recording};
+use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
 use cogmint_core::controller::library::Action;
 use cogmint_core::observation::{Frame, Observation, Range, RangeScan, Samples};
 use cogmint_core::observer::Observer;
-use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Tracker};
+use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Setting, Tracker};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
@@ -55,20 +55,21 @@ impl Setup {
     /// The recording asks for more than the tracker holds.
     pub fn new(recording: &Recording, file: &std::path::Path, seed: Option<u64>) -> Result<Self, InputError> {
         let Recording { motion, start, association, radio, .. } = recording;
-        let refuse = |item: &str, reason: String| Err(InputError::new(file, reason).for_item(item));
+        let refuse =
+            |item: &str, reason: String| Err(InputError::new(file.join(META_FILE), reason).for_item(item));
         if recording.anchors.len() > LARGE_ANCHORS {
             let reason =
                 format!("has {} entries, the tracker holds {LARGE_ANCHORS}", recording.anchors.len());
-            return refuse("anchor", reason);
+            return refuse("anchors", reason);
         }
         if recording.actions.len() > ACTIONS {
             let reason = format!("has {} entries, the tracker holds {ACTIONS}", recording.actions.len());
-            return refuse("action", reason);
+            return refuse("actions", reason);
         }
         let known: Vec<_> = recording.virtual_anchors.iter().filter(|va| va.known).collect();
         if known.len() > VAS {
             let reason = format!("has {} known entries, the tracker holds {VAS}", known.len());
-            return refuse("virtual_anchor", reason);
+            return refuse("virtual_anchors", reason);
         }
         let mut config = Config::default();
         config.motion.acceleration_std_m_s2 = motion.acceleration_std_m_s2 as f32;
@@ -122,9 +123,11 @@ impl Setup {
             actions,
             seed: seed.unwrap_or(1),
         };
-        // The core has the last word on ranges; say which file it speaks of.
-        setup.tracker::<LARGE_ANCHORS>().map_err(|error| InputError::new(file, error.to_string()))?;
-        Ok(setup)
+        // The core has the last word on what it takes.
+        match setup.tracker::<LARGE_ANCHORS>() {
+            Ok(_) => Ok(setup),
+            Err(error) => Err(refusal(error, file, setup.anchors.iter().any(is_out_of_reach))),
+        }
     }
 
     /// A fresh tracker of capacity `ANCHORS`.
@@ -134,6 +137,46 @@ impl Setup {
     pub fn tracker<const A: usize>(&self) -> Result<Tracker<A, VAS, PATHS, ACTIONS>, Error> {
         Tracker::new(self.config, &self.anchors, &self.map, &self.actions, self.seed)
     }
+}
+
+/// The core's limits on an anchor's place.
+fn is_out_of_reach(anchor: &Anchor) -> bool {
+    anchor.position_m.iter().any(|x| x.abs() > 1e4) || anchor.height_m.abs() > 1e3
+}
+
+/// What the core refused, in the recording's terms: file, key and what the tracker takes.
+fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -> InputError {
+    let beyond = "is beyond what the tracker takes";
+    let (file, item, allowed) = match error {
+        Error::Configuration(setting) => match setting {
+            Setting::AccelerationStd => (META_FILE, "motion.acceleration_std_m_s2", "1e-6 to 100"),
+            Setting::StartPosition => (META_FILE, "start.position_m", "-1e4 to 1e4"),
+            Setting::StartDeviation => {
+                (META_FILE, "start.position_std_m or start.velocity_std_m_s", "1e-3 to 1e3")
+            }
+            Setting::DetectionProbability => (META_FILE, "association.detection_probability", "0.01 to 1"),
+            Setting::ClutterPerAnchor => (META_FILE, "association.clutter_per_anchor", "0 to 100"),
+            Setting::MaxRange | Setting::PositionLimit => (META_FILE, "association.max_range_m", "1 to 1e4"),
+            Setting::BiasPrior => {
+                (META_FILE, "radio.range_bias_mean_m or radio.range_bias_std_m", "-10 to 10, and 0 to 10")
+            }
+            Setting::SampleSpacing => (META_FILE, "radio.sample_spacing_s", "1e-11 to 1e-8"),
+            Setting::SampleCount => (ARRAYS_FILE, "frame_samples or frame_magnitude", "16 to 4096 samples"),
+            Setting::Carrier => (META_FILE, "actions.carrier_hz", "1e8 to 1e11"),
+            Setting::PulseDuration => {
+                (META_FILE, "actions.pulse_duration_s or radio.pulse_duration_s", "1e-10 to 1e-8")
+            }
+            _ => return InputError::new(folder.join(META_FILE), error.to_string()),
+        },
+        Error::Geometry { .. } if anchors_out_of_reach => {
+            (META_FILE, "anchors", "positions within 1e4 m, heights within 1e3 m")
+        }
+        Error::Geometry { .. } => {
+            (META_FILE, "virtual_anchors", "positions within 1e4 m, deviations 1e-4 to 100 m")
+        }
+        _ => return InputError::new(folder.join(META_FILE), error.to_string()),
+    };
+    InputError::new(folder.join(file), beyond).for_item(item).allowed(allowed)
 }
 
 fn single([x, y]: [f64; 2]) -> [f32; 2] {

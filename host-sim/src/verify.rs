@@ -939,7 +939,8 @@ mod tests {
     #[test]
     fn a_refused_cycle_is_an_empty_one_for_both() {
         let mut recording = recording(Kind::Both, 12, 200);
-        recording.cycles[4].ranges.push(Range { anchor: 0, range_m: 1e3, std_m: None });
+        // More ranges than the core takes in one scan.
+        recording.cycles[4].ranges.extend([Range { anchor: 0, range_m: 5.0, std_m: None }; 17]);
         if let Samples::Complex(samples) = &mut recording.cycles[7].frames[0].samples {
             samples[3] = [f32::NAN, 0.0];
         }

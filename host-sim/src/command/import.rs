@@ -61,7 +61,12 @@ pub fn run(source: &Source) -> Result<(), Failure> {
             write(&imported.recording, out)
         }
         Source::Warsaw { folder, out } => {
-            for (name, recording) in import::warsaw(folder)? {
+            let links = import::warsaw(folder)?;
+            // All or none: nothing is written when one could not be.
+            for (name, _) in &links {
+                Recording::may_replace(out.join(name))?;
+            }
+            for (name, recording) in links {
                 write(&recording, &out.join(name))?;
             }
             Ok(())

@@ -68,6 +68,15 @@ impl Recording {
         put_in_place(&unfinished.0, &target, parent).map_err(failed)
     }
 
+    /// Whether `dir` could be written: it is new, empty, or an older recording.
+    ///
+    /// # Errors
+    /// It holds anything else.
+    pub fn may_replace(dir: impl AsRef<Path>) -> Result<(), InputError> {
+        let dir = dir.as_ref();
+        refuse_other_contents(dir, &fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned()))
+    }
+
     fn write_files(&self, dir: &Path) -> io::Result<()> {
         let meta = Meta {
             format: FORMAT,
