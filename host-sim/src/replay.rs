@@ -27,6 +27,8 @@ pub type LargeTracker = Tracker<LARGE_ANCHORS, VAS, PATHS, ACTIONS>;
 
 /// Time before the first cycle: the start prior is about its very moment, and time must advance.
 const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;
+/// A height beyond this, metres, is the recording's mistake: the cycle goes on without it.
+const HIGHEST_TAG_M: f64 = 1e3;
 /// Time must advance also where two cycles are closer than single precision tells.
 const SHORTEST_STEP_S: f32 = 1e-6;
 /// The core's longest step of time; a longer gap makes it no wiser.
@@ -255,7 +257,12 @@ pub fn inputs(recording: &Recording) -> impl Iterator<Item = CycleInput<'_>> {
                 },
             })
             .collect();
-        CycleInput { ranges, frames, elapsed_s, tag_height_m: cycle.tag_height_m.map(|h| h as f32) }
+        CycleInput {
+            ranges,
+            frames,
+            elapsed_s,
+            tag_height_m: cycle.tag_height_m.filter(|h| h.abs() <= HIGHEST_TAG_M).map(|h| h as f32),
+        }
     })
 }
 
