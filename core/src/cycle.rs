@@ -390,7 +390,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let anchor = scan.anchor;
         let settings = &self.config.association;
         let sight = self.sight(anchor, tag_height_m)?;
-        let expect = |regression: &Regression, existence: f32| Expectation {
+        let expectation = |regression: &Regression, existence: f32| Expectation {
             range_m: regression.range_m,
             variance_m2: regression.variance_m2(),
             existence,
@@ -405,7 +405,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 let existence = self.environment.expected_existence(slot, settings.survival_probability);
                 // One per slot at most: the pushes succeed.
                 let _ = virtual_anchors.push(regression);
-                let _ = expectations.push(expect(&regression, existence));
+                let _ = expectations.push(expectation(&regression, existence));
             }
         }
         let per_m = 1.0 / self.config.ranging.max_range_m;
@@ -414,7 +414,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             false_alarms_per_m: settings.clutter_per_anchor * per_m,
             all_per_m: unexplained * per_m,
         };
-        let mut beliefs = associate(&expect(&direct, 1.0), &expectations, &scan.measurements, &clutter);
+        let mut beliefs = associate(&expectation(&direct, 1.0), &expectations, &scan.measurements, &clutter);
         if settings.mode == Mode::Map {
             beliefs.harden();
         }

@@ -43,6 +43,11 @@ fn complex(anchor: usize, samples: &[[f32; 2]]) -> Observation<'_> {
     Observation::Frame(Frame { anchor, action: 3, sequence: None, first_sample_delay_s: 0.0, samples })
 }
 
+fn magnitude(anchor: usize, samples: &[f32]) -> Observation<'_> {
+    let samples = Samples::Magnitude(samples);
+    Observation::Frame(Frame { anchor, action: 0, sequence: None, first_sample_delay_s: 0.0, samples })
+}
+
 /// Asserts that the call is refused with `expected` and that nothing changed.
 fn refuses(observations: &[Observation<'_>], elapsed_s: f32, height: Option<f32>, expected: Error) {
     let mut tracker = tracker();
@@ -67,14 +72,7 @@ fn samples_that_are_no_numbers_are_refused() {
         refuses(&[complex(1, &frame)], 0.1, None, Error::SampleNotFinite { anchor: 1, sample: 41 });
         let mut magnitudes = [1.0; 64];
         magnitudes[7] = bad;
-        let magnitude = Observation::Frame(Frame {
-            anchor: 0,
-            action: 0,
-            sequence: None,
-            first_sample_delay_s: 0.0,
-            samples: Samples::Magnitude(&magnitudes),
-        });
-        refuses(&[magnitude], 0.1, None, Error::SampleNotFinite { anchor: 0, sample: 7 });
+        refuses(&[magnitude(0, &magnitudes)], 0.1, None, Error::SampleNotFinite { anchor: 0, sample: 7 });
     }
 }
 
@@ -95,14 +93,7 @@ fn silent_saturated_and_negative_frames_are_refused() {
     frame[30][0] = -1000.0;
     refuses(&[complex(0, &frame)], 0.1, None, Error::SaturatedFrame { anchor: 0, samples: 2 });
     let magnitudes = [-1.0; 64];
-    let magnitude = Observation::Frame(Frame {
-        anchor: 0,
-        action: 0,
-        sequence: None,
-        first_sample_delay_s: 0.0,
-        samples: Samples::Magnitude(&magnitudes),
-    });
-    refuses(&[magnitude], 0.1, None, Error::NegativeMagnitude { anchor: 0, sample: 0 });
+    refuses(&[magnitude(0, &magnitudes)], 0.1, None, Error::NegativeMagnitude { anchor: 0, sample: 0 });
 }
 
 #[test]
