@@ -3,7 +3,7 @@
 use crate::input_error::InputError;
 use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, Span, TrackFigure};
 use crate::recording::Recording;
-use crate::replay::{SMALL_ANCHORS, Setup, Step, inputs, step};
+use crate::replay::{SMALL_ANCHORS, Setup, Step, input, step};
 use crate::room::{FIRST_ACTION, Room};
 use crate::score::Score;
 use std::path::Path;
@@ -41,24 +41,18 @@ pub fn run(room: &Room, cognitive: bool, seed: u64, mut on_cycle: impl FnMut()) 
     let mut errors_m = Vec::new();
     for cycle in 0..room.cycles() {
         let action = steps.last().map_or(FIRST_ACTION, |step: &Step| step.report.next_action);
-        // Only this cycle and the one before it: the time between them counts.
-        let mut window = room.before();
-        let previous = cycle.checked_sub(1).map(|previous| crate::recording::Cycle {
-            time_s: recording.cycles[previous].time_s,
-            ..Default::default()
-        });
-        window.cycles = previous.into_iter().chain([room.cycle(cycle, action)]).collect();
-        let input = inputs(&window).last().ok_or_else(|| InputError::new(file, "has no cycle"))?;
+        let received = room.cycle(cycle, action);
+        let previous_s = cycle.checked_sub(1).map(|previous| recording.cycles[previous].time_s);
+        let input = input(&recording, &received, previous_s);
         let step = step(&mut tracker, &input, &mut ()).map_err(refused)?;
         let [x, y] = room.position_m(cycle);
         let [u, v] = step.report.position_m;
         errors_m.push((x - f64::from(u)).hypot(y - f64::from(v)));
         steps.push(step);
-        let done = window.cycles.pop().ok_or_else(|| InputError::new(file, "has no cycle"))?;
-        if cycle == 0 {
-            recording.cycles.clear();
+        if cycle > 0 {
+            // The first is there already: the set-up was made from it.
+            recording.cycles.push(received);
         }
-        recording.cycles.push(done);
         on_cycle();
     }
     let seconds = steps.iter().map(|step| step.seconds).sum();

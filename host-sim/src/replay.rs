@@ -224,46 +224,52 @@ impl CycleInput<'_> {
 
 /// The cycles of a recording in order.
 pub fn inputs(recording: &Recording) -> impl Iterator<Item = CycleInput<'_>> {
-    let mut previous = None;
-    recording.cycles.iter().map(move |cycle| {
-        let elapsed_s = previous.map_or(BEFORE_FIRST_CYCLE_S, |then: f64| (cycle.time_s - then) as f32);
-        let elapsed_s = elapsed_s.clamp(SHORTEST_STEP_S, LONGEST_GAP_S);
-        previous = Some(cycle.time_s);
-        let mut ranges: Vec<(usize, Vec<Range>)> = Vec::new();
-        for range in &cycle.ranges {
-            if !(range.range_m > 0.0 && range.range_m <= recording.association.max_range_m) {
-                // No path has this length: the radio's mistake should not cost the cycle.
-                continue;
-            }
-            let std_m = range.std_m.unwrap_or(recording.radio.range_std_m);
-            let range_m = range.range_m as f32;
-            let entry = Range { range_m, variance_m2: (std_m * std_m).clamp(1e-6, 1e4) as f32 };
-            match ranges.iter_mut().find(|(anchor, _)| *anchor == range.anchor) {
-                Some((_, list)) => list.push(entry),
-                None => ranges.push((range.anchor, vec![entry])),
-            }
+    let mut previous_s = None;
+    recording.cycles.iter().map(move |cycle| input(recording, cycle, previous_s.replace(cycle.time_s)))
+}
+
+/// One cycle in the core's terms; `recording` says what it means, `previous_s` is the time of the cycle before it.
+pub fn input<'a>(
+    recording: &Recording,
+    cycle: &'a recording::Cycle,
+    previous_s: Option<f64>,
+) -> CycleInput<'a> {
+    let elapsed_s = previous_s.map_or(BEFORE_FIRST_CYCLE_S, |then| (cycle.time_s - then) as f32);
+    let elapsed_s = elapsed_s.clamp(SHORTEST_STEP_S, LONGEST_GAP_S);
+    let mut ranges: Vec<(usize, Vec<Range>)> = Vec::new();
+    for range in &cycle.ranges {
+        if !(range.range_m > 0.0 && range.range_m <= recording.association.max_range_m) {
+            // No path has this length: the radio's mistake should not cost the cycle.
+            continue;
         }
-        let frames = cycle
-            .frames
-            .iter()
-            .map(|frame| Frame {
-                anchor: frame.anchor,
-                action: frame.action,
-                sequence: None,
-                first_sample_delay_s: frame.first_sample_delay_s as f32,
-                samples: match &frame.samples {
-                    recording::Samples::Complex(samples) => Samples::Complex(samples),
-                    recording::Samples::Magnitude(samples) => Samples::Magnitude(samples),
-                },
-            })
-            .collect();
-        CycleInput {
-            ranges,
-            frames,
-            elapsed_s,
-            tag_height_m: cycle.tag_height_m.filter(|h| h.abs() <= HIGHEST_TAG_M).map(|h| h as f32),
+        let std_m = range.std_m.unwrap_or(recording.radio.range_std_m);
+        let range_m = range.range_m as f32;
+        let entry = Range { range_m, variance_m2: (std_m * std_m).clamp(1e-6, 1e4) as f32 };
+        match ranges.iter_mut().find(|(anchor, _)| *anchor == range.anchor) {
+            Some((_, list)) => list.push(entry),
+            None => ranges.push((range.anchor, vec![entry])),
         }
-    })
+    }
+    let frames = cycle
+        .frames
+        .iter()
+        .map(|frame| Frame {
+            anchor: frame.anchor,
+            action: frame.action,
+            sequence: None,
+            first_sample_delay_s: frame.first_sample_delay_s as f32,
+            samples: match &frame.samples {
+                recording::Samples::Complex(samples) => Samples::Complex(samples),
+                recording::Samples::Magnitude(samples) => Samples::Magnitude(samples),
+            },
+        })
+        .collect();
+    CycleInput {
+        ranges,
+        frames,
+        elapsed_s,
+        tag_height_m: cycle.tag_height_m.filter(|h| h.abs() <= HIGHEST_TAG_M).map(|h| h as f32),
+    }
 }
 
 /// What a replayed cycle gave.
