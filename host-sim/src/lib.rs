@@ -1,6 +1,8 @@
 //! The host side of cogmint: recordings, importers, the built-in room, the float reference and the plots.
 
+pub mod channel;
 pub mod demo;
+pub mod geometry;
 pub mod import;
 pub mod input_error;
 pub mod plot;
@@ -8,6 +10,7 @@ pub mod recording;
 pub mod reference;
 pub mod replay;
 pub mod room;
+pub mod scenario;
 pub mod score;
 pub mod trace;
 pub mod track;
