@@ -2,6 +2,7 @@
 
 pub mod channel;
 pub mod demo;
+pub mod floor_plan;
 pub mod geometry;
 pub mod import;
 pub mod input_error;
@@ -12,6 +13,7 @@ pub mod replay;
 pub mod room;
 pub mod scenario;
 pub mod score;
+pub mod simulator;
 pub mod trace;
 pub mod track;
 pub mod verify;

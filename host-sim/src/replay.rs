@@ -118,7 +118,7 @@ impl Setup {
                 .iter()
                 .map(|va| MappedVirtualAnchor {
                     anchor: va.anchor,
-                    position_m: single(va.position_m),
+                    position_m: single(va.told_position_m.unwrap_or(va.position_m)),
                     std_m: va.std_m as f32,
                 })
                 .collect(),

@@ -122,12 +122,7 @@ impl Room {
             .flat_map(|anchor| Self::images_m(anchor).into_iter().map(move |(image, _)| (anchor, image)))
             .map(|(anchor, [x, y])| {
                 let [ex, ey] = complex_normal(&mut rng).map(|e| e * std::f64::consts::SQRT_2 * PLAN_STD_M);
-                recording::VirtualAnchor {
-                    anchor,
-                    position_m: [x + ex, y + ey],
-                    std_m: PLAN_STD_M,
-                    known: true,
-                }
+                recording::VirtualAnchor::new(anchor, [x + ex, y + ey], PLAN_STD_M, true)
             })
             .collect();
         let action = |action: &Action| recording::Action {
@@ -168,6 +163,7 @@ impl Room {
                 .collect(),
             virtual_anchors,
             actions: LIBRARY_WIDE.iter().map(action).collect(),
+            walls: self.walls(),
             cycles: Vec::new(),
         }
     }
@@ -179,6 +175,7 @@ impl Room {
             truth_position_m: Some(self.position_m(cycle)),
             tag_height_m: None,
             ranges: Vec::new(),
+            truth_paths: Vec::new(),
             frames: (0..ANCHORS_M.len())
                 .map(|anchor| recording::Frame {
                     anchor,

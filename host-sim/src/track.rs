@@ -111,7 +111,7 @@ impl Track {
         let estimates: Vec<[f64; 2]> =
             self.steps.iter().map(|step| step.report.position_m.map(f64::from)).collect();
         let truth = recording.cycles.iter().filter_map(|cycle| cycle.truth_position_m).collect();
-        let true_ones = recording.virtual_anchors.iter().map(|va| MappedAnchor {
+        let true_ones = recording.virtual_anchors.iter().filter(|va| va.exists).map(|va| MappedAnchor {
             label: String::new(),
             position_m: va.position_m,
             covariance_m2: None,
@@ -134,7 +134,7 @@ impl Track {
             estimates: vec![("estimate".into(), estimates.clone())],
             anchors: recording.anchors.iter().map(|a| (a.name.clone(), a.position_m)).collect(),
             virtual_anchors: true_ones.chain(found).collect(),
-            walls: Vec::new(),
+            walls: recording.walls.clone(),
             ellipses: ellipses.collect(),
         };
         let first_s = recording.cycles.first().map_or(0.0, |cycle| cycle.time_s);

@@ -730,14 +730,10 @@ mod tests {
                 .collect(),
             virtual_anchors: IMAGES[..2]
                 .iter()
-                .map(|(anchor, position_m)| VirtualAnchor {
-                    anchor: *anchor,
-                    position_m: *position_m,
-                    std_m: 0.05,
-                    known: true,
-                })
+                .map(|(anchor, position_m)| VirtualAnchor::new(*anchor, *position_m, 0.05, true))
                 .collect(),
             actions,
+            walls: Vec::new(),
             cycles: Vec::new(),
         };
         for n in 0..cycles {
@@ -905,7 +901,7 @@ mod tests {
             for n in 0..VAS {
                 // The first is 0.2 m off a true one, the others are nowhere near any.
                 let position_m = if n == 0 { [0.5, 10.6] } else { [-8.0 + 0.2 * n as f64, -3.0] };
-                let known = VirtualAnchor { anchor: n % 2, position_m, std_m: 1e-3, known: true };
+                let known = VirtualAnchor::new(n % 2, position_m, 1e-3, true);
                 recording.virtual_anchors.push(known);
             }
             for cycle in recording.cycles.iter_mut().skip(20).step_by(40) {

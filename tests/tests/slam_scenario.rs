@@ -65,13 +65,7 @@ fn scenario(seed: u64) -> Recording {
                 product *= uniform();
             }
         }
-        Cycle {
-            time_s: step as f64,
-            truth_position_m: Some(position(step)),
-            tag_height_m: None,
-            ranges,
-            frames: Vec::new(),
-        }
+        Cycle { time_s: step as f64, truth_position_m: Some(position(step)), ranges, ..Cycle::default() }
     };
     Recording {
         name: format!("slam scenario {seed}"),
@@ -103,13 +97,9 @@ fn scenario(seed: u64) -> Recording {
             .collect(),
         virtual_anchors: IMAGES
             .iter()
-            .map(|(anchor, image)| VirtualAnchor {
-                anchor: *anchor,
-                position_m: *image,
-                std_m: 0.0,
-                known: false,
-            })
+            .map(|(anchor, image)| VirtualAnchor::new(*anchor, *image, 0.0, false))
             .collect(),
+        walls: Vec::new(),
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: 0.5e-9 }],
         cycles: (0..STEPS).map(&mut cycle).collect(),
     }

@@ -1,1 +1,525 @@
-//! From paths to samples.
+//! The radio channel of a scenario: from walls and radios to samples.
+//!
+//! For one cycle, anchor and action: the paths (`path`: image sources that are visible, their walls, antennas, people),
+//! each with the phasor
+//!
+//! H_k(f) = sqrt(SNR_1m) (f_0 / f) / d_k G_tx G_rx prod Gamma(f) prod T(f) e^(-j 2 pi f tau_k), f_0 = 7 GHz,
+//!
+//! the dense multipath of the room and of interferers (`dense_multipath`), and white noise; all of it on a lattice of
+//! frequencies (`lattice`), times the pulse's power spectrum (`pulse`): the samples that leave the matched filter. The
+//! unit is the standard deviation of the white noise there.
+//!
+//! Everything random follows from the seed and the indexes of what it is for: a frame does not depend on which frames
+//! were asked for before it, nor on the number of threads.
+
+pub mod antenna;
+pub mod dense_multipath;
+mod interference;
+pub mod lattice;
+pub mod path;
+pub mod person;
+pub mod pulse;
+pub mod random;
+pub mod receiver;
+pub mod wall;
+
+use crate::geometry::Wall;
+use crate::geometry::image_source::{ImageSource, image_sources};
+use crate::geometry::trajectory::{self, Pose};
+use crate::input_error::InputError;
+use crate::scenario::{self, Fading, Scenario, construction};
+use dense_multipath::{ProfileTable, Scatterers, View};
+use interference::Interferer;
+use lattice::{Lattice, Scratch};
+use path::{Path, PathContext};
+use pulse::PulseSpectrum;
+use random::{Purpose, complex_normal, stream};
+use receiver::Receiver;
+use rustfft::num_complex::Complex64;
+use wall::{Slab, WallTable};
+
+/// Speed of light, m/s.
+pub const SPEED_OF_LIGHT_M_S: f64 = 299_792_458.0;
+/// Frequency at which strengths are stated, hertz.
+pub const REFERENCE_HZ: f64 = 7e9;
+/// Scatterers per pulse duration of delay: enough for their sum to be normal.
+const SCATTERERS_PER_PULSE: f64 = 4.0;
+
+/// e^(j angle).
+pub(crate) fn cis(angle: f64) -> Complex64 {
+    let (sin, cos) = libm::sincos(angle);
+    Complex64::new(cos, sin)
+}
+
+/// Power gain of free space over `range_m` at `frequency_hz`, isotropic antennas (Friis).
+pub fn friis(range_m: f64, frequency_hz: f64) -> f64 {
+    let amplitude = SPEED_OF_LIGHT_M_S / (4.0 * std::f64::consts::PI * frequency_hz * range_m);
+    amplitude * amplitude
+}
+
+/// 10^(decibel / 10).
+pub(crate) fn power_of(decibel: f64) -> f64 {
+    libm::pow(10.0, decibel / 10.0)
+}
+
+/// What one action receives: a carrier's band on the lattice.
+#[derive(Debug)]
+struct Band {
+    carrier_hz: f64,
+    spectrum: PulseSpectrum,
+    /// Lattice point of entry 0, and the one nearest to the carrier.
+    first: i64,
+    centre: i64,
+    /// Entry 0 in the wall tables.
+    table: usize,
+    /// P times the lattice step.
+    pulse: Vec<f64>,
+    /// f_0 / f.
+    slope: Vec<f64>,
+}
+
+/// A path with what the receiver makes of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Component {
+    /// 0: the direct path; n: the anchor's image n - 1.
+    pub source: usize,
+    /// Delay of propagation, seconds.
+    pub delay_s: f64,
+    /// Largest magnitude of its response after the matched filter, in standard deviations of the noise.
+    pub magnitude: f64,
+    /// How much later than its delay the response peaks, seconds: layered walls are not mirrors.
+    pub shift_s: f64,
+    /// Its power over noise, dense multipath and interference at its delay.
+    pub sinr: f64,
+}
+
+/// The channel between all anchors of a scenario and the tag on one of its trajectories.
+pub struct Channel {
+    scenario: Scenario,
+    receiver: Receiver,
+    seed: u64,
+    walls: Vec<Wall>,
+    /// Per construction that occurs.
+    tables: Vec<WallTable>,
+    /// Per anchor.
+    images: Vec<Vec<ImageSource>>,
+    poses: Vec<Pose>,
+    lattice: Lattice,
+    /// Per action.
+    bands: Vec<Band>,
+    profile: ProfileTable,
+    /// Per anchor, unless drawn anew for every frame.
+    scatterers: Vec<Scatterers>,
+    interferers: Vec<Interferer>,
+    /// Centre of the trajectory, and its farthest point from there, metres.
+    centre_m: [f64; 2],
+    radius_m: f64,
+}
+
+impl Channel {
+    /// The channel of `scenario` along its trajectory `trajectory`, with the scenario's seed unless `seed` is given.
+    /// `folder` is where recorded trajectories are looked for.
+    ///
+    /// # Errors
+    /// There is no such trajectory, or its file cannot be used.
+    pub fn new(
+        scenario: &Scenario,
+        folder: Option<&std::path::Path>,
+        trajectory: usize,
+        seed: Option<u64>,
+    ) -> Result<Self, InputError> {
+        let Some(way) = scenario.trajectories.get(trajectory) else {
+            return Err(InputError::new(&scenario.name, format!("has no trajectory {trajectory}"))
+                .allowed(format!("0 to {}", scenario.trajectories.len() - 1)));
+        };
+        let poses = trajectory::poses(way, folder)?;
+        Self::along(scenario, poses, seed.unwrap_or(scenario.seed))
+    }
+
+    /// The channel of `scenario` along given poses, of which there must be at least one.
+    ///
+    /// # Errors
+    /// A wall's construction is unknown.
+    pub fn along(scenario: &Scenario, poses: Vec<Pose>, seed: u64) -> Result<Self, InputError> {
+        let receiver = Receiver::new(&scenario.radio);
+        let (walls, slabs) = structure(scenario)?;
+        let lattice = Lattice::new(receiver.samples, receiver.sample_spacing_s);
+        let (bands, frequencies_hz) = bands(&receiver, &lattice);
+        let polarisation = scenario.propagation.polarisation;
+        let tables: Vec<WallTable> = slabs
+            .into_iter()
+            .map(|slab| WallTable::new(slab, polarisation, frequencies_hz.clone()))
+            .collect();
+        let order = scenario.propagation.reflection_order;
+        let images = scenario.anchors.iter().map(|a| image_sources(&walls, a.position_m, order)).collect();
+        let (centre_m, radius_m) = surroundings(&poses);
+        let mut channel = Self {
+            profile: ProfileTable::new(&scenario.dense_multipath.profile),
+            scenario: scenario.clone(),
+            receiver,
+            seed,
+            walls,
+            tables,
+            images,
+            poses,
+            lattice,
+            bands,
+            scatterers: Vec::new(),
+            interferers: Vec::new(),
+            centre_m,
+            radius_m,
+        };
+        if scenario.dense_multipath.fading == Fading::Correlated {
+            let profile = scenario.dense_multipath.profile;
+            channel.scatterers = (0..scenario.anchors.len())
+                .map(|anchor| channel.scatterers(anchor, &[anchor], profile.length_s(), 0.0))
+                .collect();
+        }
+        // Strengths stated as a SINR need the rest of the channel.
+        for index in 0..scenario.interference.len() {
+            let interferer = Interferer::new(&channel, index);
+            channel.interferers.push(interferer);
+        }
+        Ok(channel)
+    }
+
+    /// The scenario.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// Its receiver.
+    pub fn receiver(&self) -> &Receiver {
+        &self.receiver
+    }
+
+    /// The seed in use.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Where the tag is in every cycle.
+    pub fn poses(&self) -> &[Pose] {
+        &self.poses
+    }
+
+    /// The walls.
+    pub fn walls(&self) -> &[Wall] {
+        &self.walls
+    }
+
+    /// The images of an anchor, in the order that [`Component::source`] counts them from 1.
+    pub fn images(&self, anchor: usize) -> &[ImageSource] {
+        &self.images[anchor]
+    }
+
+    /// The pulse spectrum of an action.
+    pub fn pulse(&self, action: usize) -> &PulseSpectrum {
+        &self.bands[action].spectrum
+    }
+
+    /// Omega_1 of each interferer over the power of a direct path of 1 m, both at 7 GHz; those stated as a SINR are
+    /// worked out.
+    pub fn interference_omega_1(&self) -> Vec<f64> {
+        let snr_at_1_m = self.snr_at_1_m();
+        self.interferers.iter().map(|interferer| interferer.omega / snr_at_1_m).collect()
+    }
+
+    /// Cycles `from..to` of a part of the way.
+    pub fn cycles_of(&self, part: scenario::Part) -> std::ops::Range<usize> {
+        let [from, to] = part.0.map(|share| libm::round(share * self.poses.len() as f64) as usize);
+        from..to
+    }
+
+    fn snr_at_1_m(&self) -> f64 {
+        power_of(self.scenario.noise.snr_at_1_m_db)
+    }
+
+    /// Power of the room's dense multipath at 7 GHz over the white noise.
+    fn omega(&self) -> f64 {
+        self.snr_at_1_m() * power_of(self.scenario.dense_multipath.omega_1_db)
+    }
+
+    /// Height of the tag, metres.
+    pub fn tag_height_m(&self, cycle: usize) -> f64 {
+        self.poses[cycle].height_m.unwrap_or(self.scenario.tag.height_m)
+    }
+
+    /// Delay of the straight line between anchor and tag, seconds, whatever is in its way.
+    pub fn direct_delay_s(&self, cycle: usize, anchor: usize) -> f64 {
+        let [x, y] = self.poses[cycle].position_m;
+        let [u, v] = self.scenario.anchors[anchor].position_m;
+        let up = self.scenario.anchors[anchor].height_m - self.tag_height_m(cycle);
+        ((x - u) * (x - u) + (y - v) * (y - v) + up * up).sqrt() / SPEED_OF_LIGHT_M_S
+    }
+
+    /// Delay of the first path that exists, seconds; where there is none, of the straight line.
+    pub fn first_path_s(&self, cycle: usize, anchor: usize) -> f64 {
+        let delays = self.paths(cycle, anchor).into_iter().map(|path| path.delay_s());
+        delays.reduce(f64::min).unwrap_or_else(|| self.direct_delay_s(cycle, anchor))
+    }
+
+    /// Scatterers that cover every delay from an anchor that the profile reaches anywhere on the way.
+    fn scatterers(&self, anchor: usize, stream_of: &[usize], length_s: f64, onset_s: f64) -> Scatterers {
+        let delays = (0..self.poses.len()).map(|cycle| self.direct_delay_s(cycle, anchor));
+        let (nearest_s, farthest_s) =
+            delays.fold((f64::INFINITY, 0.0_f64), |(low, high), delay| (low.min(delay), high.max(delay)));
+        let turn_s = self.radius_m / SPEED_OF_LIGHT_M_S;
+        let span_s = length_s.min(self.lattice.period_s());
+        let interval_s = [nearest_s + onset_s - turn_s, farthest_s + onset_s + turn_s + span_s];
+        let shortest = self.receiver.actions.iter().map(|a| a.pulse_duration_s).fold(f64::INFINITY, f64::min);
+        let mut rng = stream(self.seed, Purpose::Scatterers, stream_of);
+        Scatterers::new(&mut rng, self.centre_m, interval_s, SCATTERERS_PER_PULSE / shortest)
+    }
+
+    /// The paths that exist between an anchor and the tag.
+    pub fn paths(&self, cycle: usize, anchor: usize) -> Vec<Path> {
+        path::paths(&PathContext {
+            scenario: &self.scenario,
+            walls: &self.walls,
+            images: &self.images[anchor],
+            anchor,
+            pose: &self.poses[cycle],
+            tag_height_m: self.tag_height_m(cycle),
+            share: cycle as f64 / self.poses.len() as f64,
+        })
+    }
+
+    /// The paths that an action receives, with their strengths.
+    pub fn components(&self, cycle: usize, anchor: usize, action: usize) -> Vec<Component> {
+        let band = &self.bands[action];
+        let mut spectrum = Vec::new();
+        self.paths(cycle, anchor)
+            .iter()
+            .map(|path| {
+                let origin_s = path.delay_s();
+                self.path_spectrum(path, band, origin_s, cycle, &mut spectrum);
+                self.component(path, &spectrum, origin_s, [cycle, anchor, action])
+            })
+            .collect()
+    }
+
+    /// Power of noise, dense multipath and interference after the matched filter at a delay.
+    pub fn disturbance(&self, cycle: usize, anchor: usize, action: usize, delay_s: f64) -> f64 {
+        let band = &self.bands[action];
+        let excess_s = delay_s - self.direct_delay_s(cycle, anchor);
+        let slope = REFERENCE_HZ / band.carrier_hz;
+        let dense = self.omega()
+            * slope
+            * slope
+            * self.scenario.dense_multipath.profile.density(excess_s)
+            * band.spectrum.effective_duration_s();
+        let interference = self
+            .interferers
+            .iter()
+            .map(|interferer| interferer.power(anchor, cycle, excess_s) * interferer.received_s[action]);
+        1.0 + dense + interference.sum::<f64>()
+    }
+
+    fn component(
+        &self,
+        path: &Path,
+        spectrum: &[Complex64],
+        origin_s: f64,
+        [cycle, anchor, action]: [usize; 3],
+    ) -> Component {
+        let band = &self.bands[action];
+        let step_hz = self.lattice.step_hz();
+        let magnitude_at = |shift_s: f64| {
+            let turns = step_hz * (path.delay_s() - origin_s + shift_s);
+            let turn = cis(std::f64::consts::TAU * (turns - libm::floor(turns)));
+            spectrum.iter().rev().fold(Complex64::new(0.0, 0.0), |sum, value| sum * turn + value).norm()
+        };
+        let duration_s = band.spectrum.duration_s();
+        let (magnitude, shift_s) = if path.is_mirrored_unchanged(&self.tables) {
+            (magnitude_at(0.0), 0.0)
+        } else {
+            peak(magnitude_at, 0.5 * duration_s)
+        };
+        let disturbance = self.disturbance(cycle, anchor, action, path.delay_s());
+        Component {
+            source: path.source(),
+            delay_s: path.delay_s(),
+            magnitude,
+            shift_s,
+            sinr: magnitude * magnitude / disturbance,
+        }
+    }
+
+    /// The phasors of a path over a band, times the pulse, for a first sample at `origin_s`.
+    fn path_spectrum(
+        &self,
+        path: &Path,
+        band: &Band,
+        origin_s: f64,
+        cycle: usize,
+        into: &mut Vec<Complex64>,
+    ) {
+        let time_s = self.poses[cycle].time_s;
+        let amplitude = self.snr_at_1_m().sqrt()
+            * path.gain()
+            * path.shadow(&self.scenario.people, time_s, band.carrier_hz);
+        let first_hz = self.lattice.frequency_hz(band.first);
+        // Phase -2 pi (f tau - (f - carrier) t_0): whole turns are left out before the sine.
+        let turns = first_hz * path.delay_s() - (first_hz - band.carrier_hz) * origin_s;
+        let step_turns = self.lattice.step_hz() * (path.delay_s() - origin_s);
+        let mut phasor = cis(-std::f64::consts::TAU * (turns - libm::floor(turns))) * amplitude;
+        let step = cis(-std::f64::consts::TAU * (step_turns - libm::floor(step_turns)));
+        into.clear();
+        into.extend(band.pulse.iter().zip(&band.slope).map(|(pulse, slope)| {
+            let value = phasor * (pulse * slope);
+            phasor *= step;
+            value
+        }));
+        path.apply_antennas(&self.scenario, into, |n| self.lattice.frequency_hz(band.first + n as i64));
+        path.apply_walls(&self.tables, into, band.table);
+    }
+
+    /// The samples of a frame whose first sample is at `origin_s` after transmission, in standard deviations of the
+    /// white noise. `components` is told every path.
+    pub fn samples(
+        &self,
+        cycle: usize,
+        anchor: usize,
+        action: usize,
+        origin_s: f64,
+        scratch: &mut FrameScratch,
+        mut components: Option<&mut Vec<Component>>,
+    ) -> Vec<Complex64> {
+        let band = &self.bands[action];
+        let FrameScratch { lattice: grid, total, path: spectrum } = scratch;
+        total.clear();
+        total.resize(band.pulse.len(), Complex64::new(0.0, 0.0));
+        let [earliest_s, latest_s] = self.lattice.reach_s();
+        for path in self.paths(cycle, anchor) {
+            self.path_spectrum(&path, band, origin_s, cycle, spectrum);
+            if (earliest_s..latest_s).contains(&(path.delay_s() - origin_s)) {
+                total.iter_mut().zip(&*spectrum).for_each(|(total, value)| *total += value);
+            }
+            if let Some(components) = components.as_deref_mut() {
+                components.push(self.component(&path, spectrum, origin_s, [cycle, anchor, action]));
+            }
+        }
+        let view = View {
+            position_m: self.poses[cycle].position_m,
+            onset_s: self.direct_delay_s(cycle, anchor),
+            first_sample_s: origin_s,
+            centre_hz: self.lattice.frequency_hz(band.centre),
+            carrier_hz: band.carrier_hz,
+        };
+        let omega = self.omega();
+        self.lattice.begin_spread(grid);
+        match self.scatterers.get(anchor) {
+            Some(scatterers) => scatterers.spread(&self.lattice, grid, &view, omega, &self.profile),
+            None => {
+                let length_s = self.scenario.dense_multipath.profile.length_s();
+                let drawn = self.scatterers(anchor, &[anchor, cycle], length_s, 0.0);
+                drawn.spread(&self.lattice, grid, &view, omega, &self.profile);
+            }
+        }
+        let weight = |n: usize| band.pulse[n] * band.slope[n];
+        self.lattice.gather(grid, band.first, band.centre, total, weight);
+        for (index, interferer) in self.interferers.iter().enumerate() {
+            interferer.add(self, index, cycle, anchor, band, &view, grid, total);
+        }
+        let mut rng = stream(self.seed, Purpose::Noise, &[cycle, anchor, action]);
+        for (total, pulse) in total.iter_mut().zip(&band.pulse) {
+            *total += complex_normal(&mut rng) * pulse.sqrt();
+        }
+        self.lattice.samples(grid, band.first, band.centre, band.carrier_hz, total)
+    }
+}
+
+/// Buffers of one thread.
+#[derive(Default)]
+pub struct FrameScratch {
+    lattice: Scratch,
+    total: Vec<Complex64>,
+    path: Vec<Complex64>,
+}
+
+/// The walls of a scenario's room and the slabs that their constructions count.
+fn structure(scenario: &Scenario) -> Result<(Vec<Wall>, Vec<Slab>), InputError> {
+    let mut names: Vec<&str> = Vec::new();
+    let mut slabs = Vec::new();
+    let mut walls = Vec::new();
+    for (ends_m, name) in construction::walls(&scenario.room) {
+        let construction = match names.iter().position(|known| *known == name) {
+            Some(index) => index,
+            None => {
+                let slab = construction::construction(scenario, name).and_then(|built| {
+                    Slab::new(&built, |material| construction::material(scenario, material))
+                });
+                let Some(slab) = slab else {
+                    return Err(InputError::new(&scenario.name, "is no construction").for_item(name));
+                };
+                names.push(name);
+                slabs.push(slab);
+                names.len() - 1
+            }
+        };
+        walls.push(Wall { ends_m, construction });
+    }
+    Ok((walls, slabs))
+}
+
+/// The bands of all actions, and the lattice frequencies that the wall tables need: the union of all bands.
+fn bands(receiver: &Receiver, lattice: &Lattice) -> (Vec<Band>, Vec<f64>) {
+    let spectra: Vec<PulseSpectrum> = receiver
+        .actions
+        .iter()
+        .map(|a| PulseSpectrum::new(&receiver.pulse, a.pulse_duration_s, receiver.sample_spacing_s))
+        .collect();
+    let ends = |n: usize| {
+        let (carrier_hz, half_hz) = (receiver.actions[n].carrier_hz, spectra[n].half_band_hz());
+        let first = lattice.nearest(carrier_hz - half_hz);
+        // No more points than the period has.
+        (first, lattice.nearest(carrier_hz + half_hz).min(first + lattice.widest_band() as i64 - 1))
+    };
+    let mut points: Vec<i64> = (0..spectra.len()).flat_map(|n| ends(n).0..=ends(n).1).collect();
+    points.sort_unstable();
+    points.dedup();
+    let mut bands = Vec::new();
+    for (n, (action, spectrum)) in receiver.actions.iter().zip(&spectra).enumerate() {
+        let (first, last) = ends(n);
+        let frequencies = || (first..=last).map(|point| lattice.frequency_hz(point));
+        bands.push(Band {
+            carrier_hz: action.carrier_hz,
+            first,
+            centre: lattice.nearest(action.carrier_hz),
+            table: points.partition_point(|&point| point < first),
+            pulse: frequencies().map(|f| spectrum.power(f - action.carrier_hz) * lattice.step_hz()).collect(),
+            slope: frequencies().map(|f| REFERENCE_HZ / f).collect(),
+            spectrum: spectrum.clone(),
+        });
+    }
+    (bands, points.into_iter().map(|point| lattice.frequency_hz(point)).collect())
+}
+
+/// Centre of a way and its farthest point from there, metres.
+fn surroundings(poses: &[Pose]) -> ([f64; 2], f64) {
+    let span = |axis: usize| {
+        let values = poses.iter().map(|pose| pose.position_m[axis]);
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+    };
+    let centre_m = [0, 1].map(|axis| 0.5 * (span(axis).0 + span(axis).1));
+    let squared = |pose: &Pose| {
+        let [dx, dy] = [0, 1].map(|axis| pose.position_m[axis] - centre_m[axis]);
+        dx * dx + dy * dy
+    };
+    (centre_m, poses.iter().map(squared).fold(0.0, f64::max).sqrt())
+}
+
+/// The largest value of a smooth single-peaked function within `reach` of zero, and where it is: five looks, then a
+/// parabola through the best and its neighbours.
+fn peak(value: impl Fn(f64) -> f64, reach: f64) -> (f64, f64) {
+    let step = 0.5 * reach;
+    let looks: Vec<f64> = (-2..=2).map(|n| value(f64::from(n) * step)).collect();
+    let best = (1..4).max_by(|&a, &b| looks[a].total_cmp(&looks[b])).unwrap_or(2);
+    let (left, middle, right) = (looks[best - 1], looks[best], looks[best + 1]);
+    let bend = left - 2.0 * middle + right;
+    let offset = if bend < 0.0 { (0.5 * (left - right) / bend).clamp(-1.0, 1.0) } else { 0.0 };
+    let shift = (best as f64 - 2.0 + offset) * step;
+    let refined = value(shift);
+    if refined > middle { (refined, shift) } else { (middle, (best as f64 - 2.0) * step) }
+}

@@ -84,6 +84,7 @@ pub fn bp_slam(anchors: &Path, truth: &Path, ranges: &Path) -> Result<Recording,
         },
         anchors: physical,
         virtual_anchors,
+        walls: Vec::new(),
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s }],
         cycles: cycles.into_values().collect(),
     })
@@ -100,12 +101,7 @@ fn read_anchors(path: &Path) -> Result<(Vec<Anchor>, Vec<VirtualAnchor>), InputE
         }
         let position_m = [finite(path, line, "x_m", row.x_m)?, finite(path, line, "y_m", row.y_m)?];
         match row.is_physical_anchor {
-            0 => virtual_anchors.push(VirtualAnchor {
-                anchor: row.sensor - 1,
-                position_m,
-                std_m: 0.0,
-                known: false,
-            }),
+            0 => virtual_anchors.push(VirtualAnchor::new(row.sensor - 1, position_m, 0.0, false)),
             1 => {
                 let anchor = Anchor { name: format!("sensor {}", row.sensor), position_m, height_m: 0.0 };
                 if physical.insert(row.sensor, anchor).is_some() {

@@ -90,7 +90,7 @@ pub fn miluv(npz: &Path, options: MiluvOptions) -> Result<Miluv, InputError> {
                     truth_position_m: Some([position_m[0], position_m[1]]),
                     tag_height_m: options.heights.then_some(position_m[2]),
                     ranges: vec![range],
-                    frames: Vec::new(),
+                    ..Cycle::default()
                 });
             }
         }
@@ -138,6 +138,7 @@ pub fn miluv(npz: &Path, options: MiluvOptions) -> Result<Miluv, InputError> {
         },
         anchors,
         virtual_anchors: Vec::new(),
+        walls: Vec::new(),
         actions: vec![Action { carrier_hz: 3993.6e6, pulse_duration_s }],
         cycles,
     };

@@ -95,6 +95,7 @@ fn recording_of(link: &LinkRow, start: Start, anchor_m: [f64; 2], cycles: Vec<Cy
             height_m: 0.0,
         }],
         virtual_anchors: Vec::new(),
+        walls: Vec::new(),
         actions: vec![Action { carrier_hz: 3993.6e6, pulse_duration_s }],
         cycles,
     }
@@ -148,7 +149,6 @@ fn read_cycles(
             Ok(Cycle {
                 time_s: index as f64,
                 truth_position_m: Some(tag_m),
-                tag_height_m: None,
                 ranges: vec![Range { anchor: 0, range_m, std_m: None }],
                 frames: vec![Frame {
                     anchor: 0,
@@ -156,6 +156,7 @@ fn read_cycles(
                     first_sample_delay_s: range_m / SPEED_OF_LIGHT_M_S - first_path * DW1000_SAMPLE_SPACING_S,
                     samples: Samples::Complex(responses.complex_row(index)),
                 }],
+                ..Cycle::default()
             })
         })
         .collect()

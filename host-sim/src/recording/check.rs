@@ -3,7 +3,8 @@
 use std::fmt;
 
 use super::{
-    Anchor, Cycle, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_RANGES, MAX_SAMPLES, Recording, Samples,
+    Anchor, Cycle, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Recording,
+    Samples,
 };
 
 /// What is wrong with a recording and where.
@@ -60,6 +61,7 @@ const TIME: Interval = from_to(-1e10, 1e10);
 const RANGE: Interval = from_to(0.0, 1e6);
 const RANGE_STD: Interval = above_zero_to(1e4);
 const DELAY: Interval = from_to(-1.0, 1.0);
+const STRENGTH: Interval = from_to(0.0, 1e30);
 
 impl Interval {
     fn holds(self, value: f64) -> bool {
@@ -146,6 +148,11 @@ impl Recording {
                 Fault::key("actions", format!("has {} entries", self.actions.len())).allowed("at most 65536")
             );
         }
+        for (index, wall) in self.walls.iter().enumerate() {
+            for &coordinate_m in wall.as_flattened() {
+                check_key(format!("walls.{index}"), coordinate_m, POSITION)?;
+            }
+        }
         for (index, action) in self.actions.iter().enumerate() {
             check_key(format!("actions.{index}.carrier_hz"), action.carrier_hz, from_to(1e6, 1e12))?;
             check_key(format!("actions.{index}.pulse_duration_s"), action.pulse_duration_s, PULSE_DURATION)?;
@@ -182,6 +189,9 @@ impl Recording {
             for coordinate_m in virtual_anchor.position_m {
                 check_key(key("position_m"), coordinate_m, POSITION)?;
             }
+            for coordinate_m in virtual_anchor.told_position_m.into_iter().flatten() {
+                check_key(key("told_position_m"), coordinate_m, POSITION)?;
+            }
             let interval = if virtual_anchor.known { above_zero_to(1e6) } else { from_to(0.0, 1e6) };
             check_key(key("std_m"), virtual_anchor.std_m, interval)?;
         }
@@ -197,6 +207,8 @@ impl Recording {
         check_count("cycle_time_s", self.cycles.len(), MAX_CYCLES)?;
         check_count("range_cycle", range_count, MAX_RANGES)?;
         check_count("frame_cycle", frame_count, MAX_FRAMES)?;
+        let truth_path_count = self.cycles.iter().map(|cycle| cycle.truth_paths.len()).sum();
+        check_count("truth_path_cycle", truth_path_count, MAX_TRUTH_PATHS)?;
         let mut previous_time_s = f64::NEG_INFINITY;
         for (index, cycle) in self.cycles.iter().enumerate() {
             check_element("cycle_time_s", index, cycle.time_s, TIME)?;
@@ -218,6 +230,7 @@ impl Recording {
             }
             self.check_ranges(index, cycle)?;
             self.check_frames(index, cycle)?;
+            self.check_truth_paths(index, cycle)?;
         }
         all_or_none("truth_position_m", self.cycles.iter().map(|cycle| cycle.truth_position_m.is_some()))?;
         all_or_none("tag_height_m", self.cycles.iter().map(|cycle| cycle.tag_height_m.is_some()))?;
@@ -275,6 +288,23 @@ impl Recording {
                     Samples::Magnitude(_) => "any finite number from 0",
                 }));
             }
+        }
+        Ok(())
+    }
+
+    fn check_truth_paths(&self, index: usize, cycle: &Cycle) -> Result<(), Fault> {
+        for path in &cycle.truth_paths {
+            self.check_anchor_index("truth_path_anchor", index, path.anchor)?;
+            if let Some(source) = path.virtual_anchor
+                && self.virtual_anchors.get(source).is_none_or(|source| source.anchor != path.anchor)
+            {
+                let reason = format!("is {source} in cycle {index}, which is no image of its anchor");
+                return Err(Fault::array("truth_path_virtual_anchor", reason)
+                    .allowed("65535, and the indexes of `virtual_anchors` of that anchor"));
+            }
+            check_element("truth_path_delay_s", index, path.delay_s, DELAY)?;
+            check_element("truth_path_magnitude", index, path.magnitude, STRENGTH)?;
+            check_element("truth_path_sinr", index, path.sinr, STRENGTH)?;
         }
         Ok(())
     }

@@ -19,9 +19,15 @@
 //! | `frame_first_sample_delay_s` | float64 `[F]` | delay after transmission that the first sample shows; may be negative |
 //! | `frame_samples` | complex64 `[F, S]` | complex baseband samples, or |
 //! | `frame_magnitude` | float32 `[F, S]` | magnitudes, from radios that give no phase |
+//! | `truth_path_cycle` | uint32 `[P]` | index of the cycle in which a true path existed |
+//! | `truth_path_anchor` | uint8 `[P]` | index of its anchor |
+//! | `truth_path_virtual_anchor` | uint16 `[P]` | index of its virtual anchor; 65535: the direct path |
+//! | `truth_path_delay_s` | float64 `[P]` | its delay |
+//! | `truth_path_magnitude` | float64 `[P]` | its peak in a frame, in the unit of the samples |
+//! | `truth_path_sinr` | float64 `[P]` | its power over noise, dense multipath and interference |
 //!
 //! The four or five `range_` arrays are absent when there are no ranges, all `frame_` arrays when there are no
-//! frames. Arrays and keys that are not listed are refused: a misspelt name would otherwise lose data silently.
+//! frames, all `truth_path_` arrays when no true paths are known. Arrays and keys that are not listed are refused: a misspelt name would otherwise lose data silently.
 //! Optional arrays cover all cycles (or ranges) or none.
 //!
 //! [`Recording::read`] and [`Recording::write`] apply the same checks, so that what was written can be read.
@@ -41,6 +47,8 @@ pub const FORMAT: u32 = 1;
 pub const META_FILE: &str = "recording.toml";
 /// The name of the file that holds the arrays.
 pub const ARRAYS_FILE: &str = "recording.npz";
+/// The virtual anchor of a direct path in `truth_path_virtual_anchor`.
+const DIRECT_PATH: u16 = u16::MAX;
 /// No recording has more anchors than this.
 pub const MAX_ANCHORS: usize = 64;
 /// No recording has more cycles than this; at 10 per second they take 116 hours.
@@ -49,6 +57,8 @@ pub const MAX_CYCLES: usize = 1 << 22;
 pub const MAX_RANGES: usize = 1 << 24;
 /// No recording has more frames than this.
 pub const MAX_FRAMES: usize = 1 << 22;
+/// No recording knows more true paths than this.
+pub const MAX_TRUTH_PATHS: usize = 1 << 25;
 /// No frame has more samples than this.
 pub const MAX_SAMPLES: usize = 1 << 16;
 
@@ -73,6 +83,8 @@ pub struct Recording {
     pub virtual_anchors: Vec<VirtualAnchor>,
     /// The carriers and pulses that frames were sent with. At least one when there are frames.
     pub actions: Vec<Action>,
+    /// Walls of the floor plan, each from end to end, for figures.
+    pub walls: Vec<[[f64; 2]; 2]>,
     /// The measurements, in order of time.
     pub cycles: Vec<Cycle>,
 }
@@ -155,6 +167,27 @@ pub struct VirtualAnchor {
     pub std_m: f64,
     /// Whether the tracker is told of it before it starts. An unknown one serves for scoring only.
     pub known: bool,
+    /// Where the tracker is told that it is, in metres; without, at its position.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub told_position_m: Option<[f64; 2]>,
+    /// Whether it is there. A mistake of the floor plan is not, and is no truth to score against.
+    #[serde(default = "exists", skip_serializing_if = "is_true")]
+    pub exists: bool,
+}
+
+impl VirtualAnchor {
+    /// One that is there: given to the tracker with the deviation `std_m`, or kept for scoring.
+    pub fn new(anchor: usize, position_m: [f64; 2], std_m: f64, known: bool) -> Self {
+        Self { anchor, position_m, std_m, known, told_position_m: None, exists: true }
+    }
+}
+
+fn exists() -> bool {
+    true
+}
+
+fn is_true(value: &bool) -> bool {
+    *value
 }
 
 /// What a frame was sent with.
@@ -180,6 +213,23 @@ pub struct Cycle {
     pub ranges: Vec<Range>,
     /// Sampled channel responses; at most one per anchor.
     pub frames: Vec<Frame>,
+    /// The paths that really existed, when somebody knew them.
+    pub truth_paths: Vec<TruthPath>,
+}
+
+/// A path that really existed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TruthPath {
+    /// Index of the anchor.
+    pub anchor: usize,
+    /// Index of the virtual anchor; none for the direct path.
+    pub virtual_anchor: Option<usize>,
+    /// Its delay, in seconds.
+    pub delay_s: f64,
+    /// The largest magnitude that it has in the frame, in the unit of the samples.
+    pub magnitude: f64,
+    /// Its power over that of noise, dense multipath and interference after the matched filter.
+    pub sinr: f64,
 }
 
 /// The length of one path.
@@ -271,12 +321,15 @@ pub(crate) mod tests {
                 range_bias_std_m: 0.0,
             },
             anchors: vec![anchor("A", 0.5), anchor("B", 5.2)],
-            virtual_anchors: vec![VirtualAnchor {
-                anchor: 1,
-                position_m: [-5.8, 2.3],
-                std_m: 0.01,
-                known: true,
-            }],
+            walls: vec![[[0.0, 0.0], [6.0, 0.5]]],
+            virtual_anchors: vec![
+                VirtualAnchor {
+                    told_position_m: Some([-5.9, 2.2]),
+                    exists: false,
+                    ..VirtualAnchor::new(1, [-5.8, 2.3], 0.01, true)
+                },
+                VirtualAnchor::new(0, [1.0, -7.0], 0.0, false),
+            ],
             actions: vec![action, Action { carrier_hz: 6e9, ..action }],
             cycles: (0..3)
                 .map(|step| Cycle {
@@ -285,6 +338,16 @@ pub(crate) mod tests {
                     tag_height_m: Some(1.0),
                     ranges: vec![Range { anchor: 1, range_m: 3.3 + f64::from(step), std_m: Some(0.1) }; 2],
                     frames: if step == 1 { Vec::new() } else { vec![frame(1), frame(0)] },
+                    truth_paths: vec![
+                        TruthPath {
+                            anchor: 0,
+                            virtual_anchor: [None, Some(1), None][step as usize],
+                            delay_s: 1e-8,
+                            magnitude: 3.5,
+                            sinr: 12.0
+                        };
+                        step as usize
+                    ],
                 })
                 .collect(),
         }

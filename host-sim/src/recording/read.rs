@@ -11,15 +11,16 @@ use toml::de::{DeTable, DeValue};
 use super::check::{Fault, Place};
 use super::npz::{Archive, Element, printable};
 use super::{
-    ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, FORMAT, Frame, MAX_CYCLES, MAX_FRAMES, MAX_RANGES,
-    MAX_SAMPLES, META_FILE, Motion, Radio, Range, Recording, Samples, Start, VirtualAnchor,
+    ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, DIRECT_PATH, FORMAT, Frame, MAX_CYCLES, MAX_FRAMES,
+    MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, META_FILE, Motion, Radio, Range, Recording, Samples, Start,
+    TruthPath, VirtualAnchor,
 };
 use crate::input_error::{InputError, in_one_line, line_of_offset};
 
 /// A description of a recording is a few kilobytes; more than this is something else.
 const MAX_META_BYTES: u64 = 16 << 20;
 
-const ARRAYS: [&str; 13] = [
+const ARRAYS: [&str; 19] = [
     "cycle_time_s",
     "truth_position_m",
     "tag_height_m",
@@ -33,6 +34,12 @@ const ARRAYS: [&str; 13] = [
     "frame_first_sample_delay_s",
     "frame_samples",
     "frame_magnitude",
+    "truth_path_cycle",
+    "truth_path_anchor",
+    "truth_path_virtual_anchor",
+    "truth_path_delay_s",
+    "truth_path_magnitude",
+    "truth_path_sinr",
 ];
 
 /// The keys of `recording.toml`.
@@ -52,6 +59,8 @@ struct Meta {
     virtual_anchors: Vec<VirtualAnchor>,
     #[serde(default)]
     actions: Vec<Action>,
+    #[serde(default)]
+    walls: Vec<[[f64; 2]; 2]>,
 }
 
 impl Recording {
@@ -129,6 +138,7 @@ fn read_meta(path: &Path, text: &str) -> Result<Recording, InputError> {
         anchors: meta.anchors,
         virtual_anchors: meta.virtual_anchors,
         actions: meta.actions,
+        walls: meta.walls,
         cycles: Vec::new(),
     };
     recording.check_meta().map_err(|fault| located(fault, path, text, path))?;
@@ -222,6 +232,7 @@ fn read_arrays<R: Read + Seek>(
         }
     }
     read_ranges(&mut archive, &mut recording.cycles)?;
+    read_truth_paths(&mut archive, &mut recording.cycles)?;
     read_frames(&mut archive, &mut recording.cycles)
 }
 
@@ -262,6 +273,44 @@ fn read_ranges<R: Read + Seek>(archive: &mut Archive<R>, cycles: &mut [Cycle]) -
             anchor: anchors.float(index) as usize,
             range_m: lengths.float(index),
             std_m: deviations.as_ref().map(|deviations| deviations.float(index)),
+        });
+    }
+    Ok(())
+}
+
+fn read_truth_paths<R: Read + Seek>(
+    archive: &mut Archive<R>,
+    cycles: &mut [Cycle],
+) -> Result<(), InputError> {
+    if !has_group(archive, "truth_path_") {
+        return Ok(());
+    }
+    let cycle_of = archive.read("truth_path_cycle")?;
+    cycle_of.expect(Element::U32, &[None])?;
+    let count = limited(&cycle_of, MAX_TRUTH_PATHS)?;
+    let anchors = archive.read("truth_path_anchor")?;
+    anchors.expect(Element::U8, &[Some(count)])?;
+    let sources = archive.read("truth_path_virtual_anchor")?;
+    sources.expect(Element::U16, &[Some(count)])?;
+    let mut floats = |name| {
+        let array = archive.read(name)?;
+        array.expect(Element::F64, &[Some(count)])?;
+        Ok::<_, InputError>(array)
+    };
+    let (delays, magnitudes) = (floats("truth_path_delay_s")?, floats("truth_path_magnitude")?);
+    let sinrs = floats("truth_path_sinr")?;
+    let cycle_count = cycles.len();
+    for (index, cycle) in cycle_of.indexes()?.into_iter().enumerate() {
+        let Some(cycle) = cycles.get_mut(cycle) else {
+            return Err(cycle_out_of_range(&cycle_of, cycle, index, cycle_count));
+        };
+        let source = sources.float(index);
+        cycle.truth_paths.push(TruthPath {
+            anchor: anchors.float(index) as usize,
+            virtual_anchor: (source != f64::from(DIRECT_PATH)).then_some(source as usize),
+            delay_s: delays.float(index),
+            magnitude: magnitudes.float(index),
+            sinr: sinrs.float(index),
         });
     }
     Ok(())

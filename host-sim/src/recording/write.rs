@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::check::Place;
 use super::npz::{ArchiveWriter, Element};
 use super::{
-    ARRAYS_FILE, Action, Anchor, AssociationModel, FORMAT, META_FILE, Motion, Radio, Recording, Samples,
-    Start, VirtualAnchor,
+    ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, DIRECT_PATH, FORMAT, META_FILE, Motion, Radio,
+    Recording, Samples, Start, TruthPath, VirtualAnchor,
 };
 use crate::input_error::{InputError, in_one_line};
 
@@ -27,6 +27,8 @@ struct Meta<'a> {
     anchors: &'a [Anchor],
     virtual_anchors: &'a [VirtualAnchor],
     actions: &'a [Action],
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    walls: &'a [[[f64; 2]; 2]],
 }
 
 impl Recording {
@@ -89,6 +91,7 @@ impl Recording {
             anchors: &self.anchors,
             virtual_anchors: &self.virtual_anchors,
             actions: &self.actions,
+            walls: &self.walls,
         };
         let text = toml::to_string(&meta).map_err(io::Error::other)?;
         let mut file = File::create_new(dir.join(META_FILE))?;
@@ -141,6 +144,7 @@ impl Recording {
             }
         }
 
+        write_truth_paths(&mut archive, cycles)?;
         let frames: Vec<_> = numbered(cycles.iter().map(|cycle| &cycle.frames));
         let Some((_, first)) = frames.first() else { return archive.finish() };
         let shape = [frames.len()];
@@ -167,6 +171,34 @@ impl Recording {
         archive.add(name, element, &[frames.len(), first.samples.len()], bytes)?;
         archive.finish()
     }
+}
+
+fn write_truth_paths<W: Write + io::Seek>(
+    archive: &mut ArchiveWriter<W>,
+    cycles: &[Cycle],
+) -> io::Result<()> {
+    let paths: Vec<_> = numbered(cycles.iter().map(|cycle| &cycle.truth_paths));
+    if paths.is_empty() {
+        return Ok(());
+    }
+    let shape = [paths.len()];
+    let cycle_of = paths.iter().flat_map(|(n, _)| n.to_le_bytes());
+    archive.add("truth_path_cycle", Element::U32, &shape, cycle_of)?;
+    archive.add("truth_path_anchor", Element::U8, &shape, paths.iter().map(|(_, path)| path.anchor as u8))?;
+    let sources = paths
+        .iter()
+        .flat_map(|(_, path)| path.virtual_anchor.map_or(DIRECT_PATH, |index| index as u16).to_le_bytes());
+    archive.add("truth_path_virtual_anchor", Element::U16, &shape, sources)?;
+    let columns: [(&str, fn(&TruthPath) -> f64); 3] = [
+        ("truth_path_delay_s", |path| path.delay_s),
+        ("truth_path_magnitude", |path| path.magnitude),
+        ("truth_path_sinr", |path| path.sinr),
+    ];
+    for (name, value) in columns {
+        let bytes = paths.iter().flat_map(|(_, path)| value(path).to_le_bytes());
+        archive.add(name, Element::F64, &shape, bytes)?;
+    }
+    Ok(())
 }
 
 /// All items of all cycles, each with the index of its cycle.
@@ -238,8 +270,8 @@ impl Drop for TemporaryFolder {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Range;
     use super::super::tests::{Folder, example};
-    use super::super::{Cycle, Range};
     use super::*;
 
     #[test]

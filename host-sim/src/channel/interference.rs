@@ -1,0 +1,161 @@
+//! Interferers: dense multipath limited to a band and to a part of the way.
+//!
+//! What an interferer of spectrum Q at f_i sends arrives as the dense multipath of its own profile, weighted with
+//! sqrt(Q(f - f_i)), and passes the receiver's matched filter sqrt(P(f - f_c)): power Omega_1 S(t) int P Q df.
+
+use super::dense_multipath::{ProfileTable, Scatterers, View};
+use super::lattice::Scratch;
+use super::pulse::PulseSpectrum;
+use super::{Band, Channel};
+use crate::scenario::{Fading, Profile, Strength};
+use rustfft::num_complex::Complex64;
+use std::ops::Range;
+
+/// Cycles that a strength stated as a median SINR is worked out from, at most.
+const SAMPLED_CYCLES: usize = 200;
+
+/// An interferer with its strength worked out.
+pub(super) struct Interferer {
+    /// Total power over the white noise.
+    pub(super) omega: f64,
+    carrier_hz: f64,
+    spectrum: PulseSpectrum,
+    profile: Profile,
+    table: ProfileTable,
+    onset_s: f64,
+    cycles: Range<usize>,
+    /// int P Q df, seconds, per action: what its receiver keeps.
+    pub(super) received_s: Vec<f64>,
+    /// Whether it reaches each anchor.
+    reaches: Vec<bool>,
+    /// Per anchor, unless drawn anew for every frame.
+    scatterers: Vec<Scatterers>,
+}
+
+impl Interferer {
+    /// The interferer `index` of the channel's scenario, in the channel with all interferers before it.
+    pub(super) fn new(channel: &Channel, index: usize) -> Self {
+        let wanted = &channel.scenario.interference[index];
+        let anchors = &channel.scenario.anchors;
+        let spectrum = PulseSpectrum::root_raised_cosine(wanted.pulse_duration_s, wanted.roll_off);
+        let received_s = |band: &Band| {
+            let distance_hz = band.carrier_hz - wanted.carrier_hz;
+            band.spectrum.overlap(&spectrum, distance_hz) * band.spectrum.effective_duration_s()
+        };
+        let mut interferer = Self {
+            omega: 0.0,
+            received_s: channel.bands.iter().map(received_s).collect(),
+            carrier_hz: wanted.carrier_hz,
+            spectrum,
+            profile: wanted.profile,
+            table: ProfileTable::new(&wanted.profile),
+            onset_s: wanted.onset_s,
+            cycles: channel.cycles_of(wanted.during),
+            reaches: anchors
+                .iter()
+                .map(|anchor| wanted.anchors.is_empty() || wanted.anchors.contains(&anchor.name))
+                .collect(),
+            scatterers: Vec::new(),
+        };
+        if wanted.fading == Fading::Correlated {
+            interferer.scatterers =
+                (0..anchors.len()).map(|anchor| interferer.drawn(channel, &[anchor, index + 1])).collect();
+        }
+        interferer.omega = match wanted.strength {
+            Strength::Omega1(gain) => gain / super::friis(1.0, super::REFERENCE_HZ) * channel.snr_at_1_m(),
+            Strength::MedianSinrDb(db) => interferer.omega_for(channel, super::power_of(db)),
+        };
+        interferer
+    }
+
+    fn drawn(&self, channel: &Channel, stream: &[usize]) -> Scatterers {
+        let anchor = stream.first().copied().unwrap_or(0);
+        channel.scatterers(anchor, stream, self.profile.length_s(), self.onset_s)
+    }
+
+    /// Power density over the delay, 1/s, at `excess_s` after the direct path.
+    pub(super) fn power(&self, anchor: usize, cycle: usize, excess_s: f64) -> f64 {
+        if self.cycles.contains(&cycle) && self.reaches[anchor] {
+            self.omega * self.profile.density(excess_s - self.onset_s)
+        } else {
+            0.0
+        }
+    }
+
+    /// The power at which the median SINR of all visible paths, at the library's entry nearest to the interferer, is
+    /// `sinr`: bisection on its logarithm.
+    fn omega_for(&self, channel: &Channel, sinr: f64) -> f64 {
+        let distance = |band: &Band| (band.carrier_hz - self.carrier_hz).abs();
+        let bands = &channel.bands;
+        let nearest = (0..bands.len()).min_by(|&a, &b| distance(&bands[a]).total_cmp(&distance(&bands[b])));
+        let action = nearest.unwrap_or(0);
+        let step = self.cycles.len().div_ceil(SAMPLED_CYCLES).max(1);
+        let kept_s = self.received_s[action];
+        let mut paths = Vec::new();
+        for cycle in self.cycles.clone().step_by(step) {
+            for anchor in (0..self.reaches.len()).filter(|&anchor| self.reaches[anchor]) {
+                let direct_s = channel.direct_delay_s(cycle, anchor);
+                for component in channel.components(cycle, anchor, action) {
+                    let power = component.magnitude * component.magnitude;
+                    let density = self.profile.density(component.delay_s - direct_s - self.onset_s);
+                    paths.push((power, power / component.sinr.max(1e-30), density * kept_s));
+                }
+            }
+        }
+        if paths.is_empty() {
+            return 0.0;
+        }
+        let median = |omega: f64| {
+            let mut values: Vec<f64> =
+                paths.iter().map(|(p, other, own)| p / (other + omega * own)).collect();
+            let middle = values.len() / 2;
+            *values.select_nth_unstable_by(middle, f64::total_cmp).1
+        };
+        let (mut low, mut high) = (-20.0, 60.0);
+        for _ in 0..80 {
+            let middle = 0.5 * (low + high);
+            if median(libm::exp(middle)) > sinr { low = middle } else { high = middle }
+        }
+        // Where even silence leaves less than wanted, silence it is.
+        if median(0.0) <= sinr { 0.0 } else { libm::exp(0.5 * (low + high)) }
+    }
+
+    /// Adds what a band receives of it.
+    #[allow(clippy::too_many_arguments, reason = "the frame's own indexes and buffers")]
+    pub(super) fn add(
+        &self,
+        channel: &Channel,
+        index: usize,
+        cycle: usize,
+        anchor: usize,
+        band: &Band,
+        view: &View,
+        scratch: &mut Scratch,
+        total: &mut [Complex64],
+    ) {
+        if !self.cycles.contains(&cycle) || !self.reaches[anchor] || self.omega == 0.0 {
+            return;
+        }
+        let view = View { onset_s: view.onset_s + self.onset_s, ..*view };
+        channel.lattice.begin_spread(scratch);
+        match self.scatterers.get(anchor) {
+            Some(scatterers) => {
+                scatterers.spread(&channel.lattice, scratch, &view, self.omega, &self.table);
+            }
+            None => self.drawn(channel, &[anchor, index + 1, cycle]).spread(
+                &channel.lattice,
+                scratch,
+                &view,
+                self.omega,
+                &self.table,
+            ),
+        }
+        let step_hz = channel.lattice.step_hz();
+        let weight = |n: usize| {
+            let frequency_hz = channel.lattice.frequency_hz(band.first + n as i64);
+            let sent = self.spectrum.power(frequency_hz - self.carrier_hz) * step_hz;
+            (sent * band.pulse[n]).sqrt()
+        };
+        channel.lattice.gather(scratch, band.first, band.centre, total, weight);
+    }
+}

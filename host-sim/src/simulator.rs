@@ -1,0 +1,236 @@
+//! The simulator: a scenario becomes frames, one by one for a tracker that chooses its carrier, or a whole recording.
+
+use crate::channel::random::{Purpose, normal, stream, uniform};
+use crate::channel::{Channel, Component, FrameScratch, SPEED_OF_LIGHT_M_S};
+use crate::floor_plan;
+use crate::input_error::InputError;
+use crate::recording::{self, Recording, TruthPath};
+use crate::scenario::{Log, Scenario, Schedule, Window};
+use rand_core::Rng;
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+use std::path::Path;
+
+/// A scenario on one of its trajectories with one seed.
+pub struct Simulator {
+    channel: Channel,
+    trajectory: usize,
+    virtual_anchors: Vec<recording::VirtualAnchor>,
+    /// Per anchor: the virtual anchor of each source but the direct path, where it is ever visible.
+    virtual_anchor_of: Vec<Vec<Option<usize>>>,
+}
+
+impl Simulator {
+    /// The simulator of `scenario` along its trajectory `trajectory` (counted from 0), with the scenario's seed unless
+    /// `seed` is given; `folder` is where recorded trajectories are looked for.
+    ///
+    /// # Errors
+    /// There is no such trajectory, or its file cannot be used.
+    pub fn new(
+        scenario: &Scenario,
+        folder: Option<&Path>,
+        trajectory: usize,
+        seed: Option<u64>,
+    ) -> Result<Self, InputError> {
+        let channel = Channel::new(scenario, folder, trajectory, seed)?;
+        let (virtual_anchors, virtual_anchor_of) = floor_plan::virtual_anchors(&channel)?;
+        Ok(Self { channel, trajectory, virtual_anchors, virtual_anchor_of })
+    }
+
+    /// The channel behind it.
+    pub fn channel(&self) -> &Channel {
+        &self.channel
+    }
+
+    /// Number of cycles.
+    pub fn cycles(&self) -> usize {
+        self.channel.poses().len()
+    }
+
+    /// The action of a recording's cycle.
+    pub fn scheduled_action(&self, cycle: usize) -> usize {
+        let receiver = self.channel.receiver();
+        let count = receiver.actions.len();
+        match receiver.schedule {
+            Schedule::Fixed => receiver.first_action,
+            Schedule::Sweep => (receiver.first_action + cycle) % count,
+            Schedule::Random if cycle == 0 => receiver.first_action,
+            Schedule::Random => {
+                let mut rng = stream(self.channel.seed(), Purpose::Schedule, &[self.trajectory, cycle]);
+                rng.next_u32() as usize % count
+            }
+        }
+    }
+
+    /// The recording without any cycle: what a tracker knows before it starts.
+    pub fn before(&self) -> Recording {
+        let channel = &self.channel;
+        let (scenario, receiver) = (channel.scenario(), channel.receiver());
+        let prior = &scenario.prior;
+        let duration_s = receiver.actions[receiver.first_action].pulse_duration_s;
+        let bandwidth_hz = channel.pulse(receiver.first_action).rms_bandwidth_hz();
+        let way = &scenario.trajectories[self.trajectory].name;
+        Recording {
+            name: format!("{}, trajectory {}", scenario.name, self.trajectory),
+            source: format!(
+                "simulated by cogmint {}: scenario {}, trajectory {} {way}, seed {}",
+                env!("CARGO_PKG_VERSION"),
+                scenario.name,
+                self.trajectory,
+                channel.seed()
+            ),
+            motion: recording::Motion { acceleration_std_m_s2: prior.acceleration_std_m_s2 },
+            start: recording::Start {
+                position_m: channel.poses()[0].position_m,
+                position_std_m: prior.position_std_m,
+                velocity_std_m_s: prior.velocity_std_m_s,
+                disc_radius_m: Some(prior.disc_radius_m),
+            },
+            association: recording::AssociationModel {
+                detection_probability: prior.detection_probability,
+                clutter_per_anchor: prior.clutter_per_anchor,
+                max_range_m: prior.max_range_m,
+            },
+            radio: recording::Radio {
+                pulse_duration_s: duration_s,
+                roll_off: receiver.roll_off(bandwidth_hz, duration_s),
+                sample_spacing_s: Some(receiver.sample_spacing_s),
+                range_std_m: 0.05,
+                range_bias_mean_m: 0.0,
+                range_bias_std_m: prior.range_bias_std_m,
+            },
+            anchors: scenario
+                .anchors
+                .iter()
+                .map(|anchor| recording::Anchor {
+                    name: anchor.name.clone(),
+                    position_m: anchor.position_m,
+                    height_m: anchor.height_m,
+                })
+                .collect(),
+            virtual_anchors: self.virtual_anchors.clone(),
+            actions: receiver
+                .actions
+                .iter()
+                .map(|action| recording::Action {
+                    carrier_hz: action.carrier_hz,
+                    pulse_duration_s: action.pulse_duration_s,
+                })
+                .collect(),
+            walls: channel.walls().iter().map(|wall| wall.ends_m).collect(),
+            cycles: Vec::new(),
+        }
+    }
+
+    /// What arrives in a cycle when all anchors use `action`: truth and every frame that is not lost.
+    pub fn cycle(&self, cycle: usize, action: usize) -> recording::Cycle {
+        let anchors = 0..self.channel.scenario().anchors.len();
+        let frames = anchors.map(|anchor| self.frame(cycle, anchor, action, &mut FrameScratch::default()));
+        self.assembled(cycle, frames.collect())
+    }
+
+    /// A recording of the first `cycles` cycles (at most all) with the scheduled actions, on all processor cores.
+    /// `on_cycle` is called after each cycle, from any thread.
+    pub fn record(&self, cycles: usize, on_cycle: impl Fn() + Sync) -> Recording {
+        let anchors = self.channel.scenario().anchors.len();
+        let cycle = |scratch: &mut FrameScratch, cycle: usize| {
+            let action = self.scheduled_action(cycle);
+            let frames = (0..anchors).map(|anchor| self.frame(cycle, anchor, action, scratch)).collect();
+            let assembled = self.assembled(cycle, frames);
+            on_cycle();
+            assembled
+        };
+        let cycles = cycles.min(self.cycles());
+        let cycles = (0..cycles).into_par_iter().map_init(FrameScratch::default, cycle).collect();
+        Recording { cycles, ..self.before() }
+    }
+
+    fn assembled(
+        &self,
+        cycle: usize,
+        frames: Vec<(Option<recording::Frame>, Vec<TruthPath>)>,
+    ) -> recording::Cycle {
+        let pose = &self.channel.poses()[cycle];
+        let (frames, truth_paths): (Vec<_>, Vec<_>) = frames.into_iter().unzip();
+        recording::Cycle {
+            time_s: pose.time_s,
+            truth_position_m: Some(pose.position_m),
+            tag_height_m: Some(self.channel.tag_height_m(cycle)),
+            ranges: Vec::new(),
+            frames: frames.into_iter().flatten().collect(),
+            truth_paths: truth_paths.into_iter().flatten().collect(),
+        }
+    }
+
+    /// One frame, if it arrives, and the true paths.
+    fn frame(
+        &self,
+        cycle: usize,
+        anchor: usize,
+        action: usize,
+        scratch: &mut FrameScratch,
+    ) -> (Option<recording::Frame>, Vec<TruthPath>) {
+        let channel = &self.channel;
+        let (scenario, receiver) = (channel.scenario(), channel.receiver());
+        let mut packet = stream(channel.seed(), Purpose::Packet, &[self.trajectory, cycle, anchor]);
+        let (grid, phase, stamp) = (uniform(&mut packet), uniform(&mut packet), normal(&mut packet));
+        let errors = &scenario.errors;
+        // By how much the radio takes every delay for longer than it is.
+        let late_s = errors.clock_offset_s
+            + errors.clock_drift * channel.poses()[cycle].time_s
+            + scenario.anchors[anchor].range_bias_m / SPEED_OF_LIGHT_M_S
+            + errors.timestamp_std_s * stamp;
+        let (origin_s, reported_s) = match receiver.window {
+            Window::Absolute { first_sample_delay_s } => {
+                (first_sample_delay_s - late_s, first_sample_delay_s)
+            }
+            Window::FirstPath { sample } => {
+                let first_s = channel.first_path_s(cycle, anchor);
+                let origin_s = first_s - (sample as f64 + grid) * receiver.sample_spacing_s;
+                (origin_s, origin_s + late_s)
+            }
+        };
+        let mut components = Vec::new();
+        let mut samples = channel.samples(cycle, anchor, action, origin_s, scratch, Some(&mut components));
+        if receiver.random_phase {
+            let turn = crate::channel::cis(std::f64::consts::TAU * phase);
+            samples.iter_mut().for_each(|sample| *sample *= turn);
+        }
+        let gain = receiver.converter.map_or(1.0, |converter| converter.convert(&mut samples));
+        let truth = components.iter().map(|component| self.truth_path(anchor, component, gain)).collect();
+        let frame = recording::Frame {
+            anchor,
+            action,
+            first_sample_delay_s: reported_s,
+            samples: match receiver.log {
+                Log::Complex => recording::Samples::Complex(
+                    samples.iter().map(|sample| [sample.re as f32, sample.im as f32]).collect(),
+                ),
+                Log::Magnitude => recording::Samples::Magnitude(samples.iter().map(magnitude).collect()),
+            },
+        };
+        ((!self.is_lost(cycle, anchor)).then_some(frame), truth)
+    }
+
+    fn is_lost(&self, cycle: usize, anchor: usize) -> bool {
+        let lost = &self.channel.scenario().lost_frames;
+        let mut rng = stream(self.channel.seed(), Purpose::Loss, &[self.trajectory, cycle, anchor]);
+        lost.gaps.iter().any(|gap| self.channel.cycles_of(*gap).contains(&cycle))
+            || uniform(&mut rng) < lost.probability
+    }
+
+    fn truth_path(&self, anchor: usize, component: &Component, gain: f64) -> TruthPath {
+        let images = &self.virtual_anchor_of[anchor];
+        TruthPath {
+            anchor,
+            virtual_anchor: component.source.checked_sub(1).and_then(|image| images[image]),
+            delay_s: component.delay_s,
+            magnitude: component.magnitude * gain,
+            sinr: component.sinr,
+        }
+    }
+}
+
+fn magnitude(sample: &Complex64) -> f32 {
+    (sample.re * sample.re + sample.im * sample.im).sqrt() as f32
+}
