@@ -12,6 +12,7 @@ pub mod replay;
 pub mod room;
 pub mod scenario;
 pub mod score;
+mod toml_place;
 pub mod trace;
 pub mod track;
 pub mod verify;
