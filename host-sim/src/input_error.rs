@@ -84,7 +84,13 @@ pub fn line_of_offset(text: &str, offset: usize) -> u64 {
 /// The text of another library's message as part of our one sentence.
 pub(crate) fn in_one_line(message: impl fmt::Display) -> String {
     let joined = message.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+    let joined = joined.replace(char::is_control, "?");
     joined.trim_end_matches('.').to_owned()
+}
+
+/// A number as part of a sentence: very large and small ones read better as powers of ten.
+pub(crate) fn number(value: f64) -> String {
+    if value != 0.0 && !(1e-3..1e5).contains(&value.abs()) { format!("{value:e}") } else { value.to_string() }
 }
 
 #[cfg(test)]

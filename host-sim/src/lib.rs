@@ -14,6 +14,7 @@ pub mod room;
 pub mod scenario;
 pub mod score;
 pub mod simulator;
+mod toml_place;
 pub mod trace;
 pub mod track;
 pub mod verify;

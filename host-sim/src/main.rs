@@ -25,6 +25,9 @@ enum Command {
     /// Turn data of others into recordings.
     #[command(subcommand)]
     Import(command::import::Source),
+    /// Check, list and show scenarios.
+    #[command(subcommand)]
+    Scenario(command::scenario::Action),
     /// Replay a recording through the core: table, figure, scores.
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
@@ -58,6 +61,7 @@ fn main() -> ExitCode {
     let outcome = match arguments.command {
         None => command::demo::run(&arguments.demo),
         Some(Command::Import(source)) => command::import::run(&source),
+        Some(Command::Scenario(action)) => command::scenario::run(&action),
         Some(Command::Track(options)) => command::track::run(&options),
         Some(Command::Verify(options)) => command::verify::run(&options),
         Some(Command::Trace(options)) => command::trace::run(&options),

@@ -2,6 +2,7 @@
 
 pub mod demo;
 pub mod import;
+pub mod scenario;
 pub mod trace;
 pub mod track;
 pub mod verify;

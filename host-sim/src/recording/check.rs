@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::input_error::number;
+
 use super::{
     Anchor, Cycle, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Recording,
     Samples,
@@ -73,14 +75,6 @@ impl Interval {
 impl fmt::Display for Interval {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { low, low_included, high } = *self;
-        // Powers of ten read better than their zeros.
-        let number = |value: f64| {
-            if value != 0.0 && !(1e-3..1e5).contains(&value.abs()) {
-                format!("{value:e}")
-            } else {
-                value.to_string()
-            }
-        };
         let above = if low_included { "" } else { "above " };
         write!(formatter, "{above}{} to {}", number(low), number(high))
     }

@@ -1,12 +1,9 @@
 //! Reading of recordings.
 
-use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{Read, Seek};
 use std::path::Path;
 
 use serde::Deserialize;
-use toml::Spanned;
-use toml::de::{DeTable, DeValue};
 
 use super::check::{Fault, Place};
 use super::npz::{Archive, Element, printable};
@@ -15,10 +12,8 @@ use super::{
     MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, META_FILE, Motion, Radio, Range, Recording, Samples, Start,
     TruthPath, VirtualAnchor,
 };
-use crate::input_error::{InputError, in_one_line, line_of_offset};
-
-/// A description of a recording is a few kilobytes; more than this is something else.
-const MAX_META_BYTES: u64 = 16 << 20;
+use crate::input_error::InputError;
+use crate::toml_place;
 
 const ARRAYS: [&str; 19] = [
     "cycle_time_s",
@@ -75,7 +70,7 @@ impl Recording {
             return Err(InputError::new(dir, "is not a folder with a recording"));
         }
         let meta_path = dir.join(META_FILE);
-        let text = read_text(&meta_path)?;
+        let text = toml_place::read_text(&meta_path)?;
         let mut recording = read_meta(&meta_path, &text)?;
         let arrays_path = dir.join(ARRAYS_FILE);
         read_arrays(Archive::open(&arrays_path)?, &arrays_path, &mut recording)?;
@@ -84,50 +79,10 @@ impl Recording {
     }
 }
 
-fn read_text(path: &Path) -> Result<String, InputError> {
-    let file = File::open(path)
-        .map_err(|error| InputError::new(path, format!("cannot be opened: {}", in_one_line(error))))?;
-    let mut text = String::new();
-    BufReader::new(file)
-        .take(MAX_META_BYTES + 1)
-        .read_to_string(&mut text)
-        .map_err(|error| InputError::new(path, format!("cannot be read: {}", in_one_line(error))))?;
-    if text.len() as u64 > MAX_META_BYTES {
-        return Err(InputError::new(path, "is too long").allowed(format!("at most {MAX_META_BYTES} bytes")));
-    }
-    Ok(text)
-}
-
 /// Reads everything but the cycles.
 fn read_meta(path: &Path, text: &str) -> Result<Recording, InputError> {
-    let refuse = |error: toml::de::Error| {
-        let message = in_one_line(error.message());
-        let span = error.span();
-        let refusal = match span.as_ref().and_then(|span| key_at(text, span.start)) {
-            Some(key) => InputError::new(path, format!("cannot be used: {message}")).for_item(key),
-            None => InputError::new(path, message),
-        };
-        refusal.at_line(span.map(|span| line_of_offset(text, span.start)))
-    };
-    // The version comes first: another version may have other keys.
-    let table = DeTable::parse(text).map_err(refuse)?;
-    let line = line_of_key(text, "format");
-    let format = table.get_ref().get("format").map(|value| value.get_ref());
-    let supported = FORMAT.to_string();
-    match format.and_then(DeValue::as_integer) {
-        Some(number) if number.as_str() == supported => {}
-        Some(number) => {
-            return Err(InputError::new(path, format!("is {}", printable(number.as_str())))
-                .at_line(line)
-                .for_item("format")
-                .allowed(supported));
-        }
-        None => {
-            let reason = if format.is_some() { "is no whole number" } else { "is missing" };
-            return Err(InputError::new(path, reason).at_line(line).for_item("format").allowed(supported));
-        }
-    }
-    let meta: Meta = toml::from_str(text).map_err(refuse)?;
+    toml_place::check_format(path, text, FORMAT)?;
+    let meta: Meta = toml::from_str(text).map_err(|error| toml_place::refusal(path, text, &error))?;
     let recording = Recording {
         name: meta.name,
         source: meta.source,
@@ -145,56 +100,11 @@ fn read_meta(path: &Path, text: &str) -> Result<Recording, InputError> {
     Ok(recording)
 }
 
-/// The line of a key, as far as it exists: for a missing key the line of its table.
-fn line_of_key(text: &str, key: &str) -> Option<u64> {
-    let table = DeTable::parse(text).ok()?;
-    let mut offset = None;
-    let mut parts = key.split('.');
-    let mut value = table.get_ref().get(parts.next()?)?;
-    loop {
-        // Arrays of tables have no span of their own.
-        if value.span().end > 0 {
-            offset = Some(value.span().start);
-        }
-        let Some(part) = parts.next() else { break };
-        let next = match (value.get_ref(), part.parse::<usize>()) {
-            (DeValue::Array(array), Ok(index)) => array.get(index),
-            (inner, _) => inner.as_table().and_then(|table| table.get(part)),
-        };
-        let Some(next) = next else { break };
-        value = next;
-    }
-    offset.map(|offset| line_of_offset(text, offset))
-}
-
-/// The key whose plain value stands at an offset. Unknown and missing keys have none, but are named in the reason.
-fn key_at(text: &str, offset: usize) -> Option<String> {
-    fn within(value: &Spanned<DeValue<'_>>, offset: usize) -> Option<String> {
-        let joined = |name: &str, rest: String| {
-            if rest.is_empty() { name.to_owned() } else { format!("{name}.{rest}") }
-        };
-        match value.get_ref() {
-            DeValue::Table(table) => {
-                table.iter().find_map(|(key, value)| Some(joined(key.get_ref(), within(value, offset)?)))
-            }
-            DeValue::Array(array) => array
-                .iter()
-                .enumerate()
-                .find_map(|(index, value)| Some(joined(&index.to_string(), within(value, offset)?))),
-            _ => value.span().contains(&offset).then(String::new),
-        }
-    }
-    let table = DeTable::parse(text).ok()?;
-    let span = table.span();
-    let key = within(&Spanned::new(span, DeValue::Table(table.into_inner())), offset)?;
-    Some(printable(&key))
-}
-
 fn located(fault: Fault, meta_path: &Path, text: &str, arrays_path: &Path) -> InputError {
     let error = match fault.place {
-        Place::Key(key) => {
-            InputError::new(meta_path, fault.reason).at_line(line_of_key(text, &key)).for_item(key)
-        }
+        Place::Key(key) => InputError::new(meta_path, fault.reason)
+            .at_line(toml_place::line_of_key(text, key.split('.')))
+            .for_item(key),
         Place::Array(name) => InputError::new(arrays_path, fault.reason).for_item(name),
     };
     match fault.allowed {

@@ -1,1 +1,463 @@
-//! Checks.
+//! What a scenario must fulfil beyond its schema: names that exist, a room that can be, ways that stay inside it, a
+//! radio that can sample its pulses.
+
+use std::path::Path;
+
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+use super::construction::{self, construction_names, material_names, walls};
+use super::{
+    Construction, Library, NamedLibrary, Part, Position, Pulse, Room, Scenario, Trajectory, Way, Window,
+};
+use crate::geometry::Wall;
+use crate::input_error::{InputError, number};
+use crate::recording::npz::printable;
+
+/// Nothing comes nearer to a wall than this, and no wall is shorter.
+const CLEARANCE_M: f64 = 0.01;
+/// The least area of a room.
+const MIN_AREA_M2: f64 = 0.01;
+/// The most candidates for paths: walls to the power of the reflection order.
+const MAX_CANDIDATES: f64 = 1e7;
+/// The most cycles of a trajectory.
+const MAX_CYCLES: f64 = 1e6;
+/// The share of a sampled pulse's energy that may lie outside the sampled band.
+const MAX_OUT_OF_BAND: f64 = 0.01;
+
+/// What is wrong with a scenario and where.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Fault {
+    /// The key's parts; indexes count from 0.
+    pub(super) key: Vec<String>,
+    reason: String,
+    allowed: Option<String>,
+}
+
+impl Fault {
+    pub(super) fn new(key: &[String], reason: impl Into<String>) -> Self {
+        Self { key: key.to_vec(), reason: reason.into(), allowed: None }
+    }
+
+    /// A fault at a key with dots between its parts.
+    fn at(key: impl AsRef<str>, reason: impl Into<String>) -> Self {
+        let key: Vec<String> = key.as_ref().split('.').map(str::to_owned).collect();
+        Self::new(&key, reason)
+    }
+
+    pub(super) fn allowed(mut self, allowed: impl Into<String>) -> Self {
+        self.allowed = Some(allowed.into());
+        self
+    }
+
+    pub(super) fn in_file(self, file: &Path) -> InputError {
+        let key = self.key.iter().map(|part| printable(part)).collect::<Vec<_>>().join(".");
+        let error = InputError::new(file, self.reason).for_item(key);
+        match self.allowed {
+            Some(allowed) => error.allowed(allowed),
+            None => error,
+        }
+    }
+}
+
+impl Scenario {
+    /// The first fault, if any, of a scenario that agrees with its schema.
+    pub(super) fn check_meaning(&self) -> Result<(), Fault> {
+        check_line("name", &self.name)?;
+        for (name, built) in &self.constructions {
+            let Construction::Layered { layers } = built else { continue };
+            for (index, layer) in layers.iter().enumerate() {
+                if construction::material(self, &layer.material).is_none() {
+                    let key = ["constructions", name, "layers", &index.to_string(), "material"];
+                    return Err(unknown_name(&key.map(str::to_owned), &layer.material, material_names(self)));
+                }
+            }
+        }
+        let walls = self.check_room("room", &self.room)?;
+        if let Some(room) = &self.prior.floor_plan.room {
+            self.check_room("prior.floor_plan.room", room)?;
+        }
+        self.check_anchors(&walls)?;
+        for (index, trajectory) in self.trajectories.iter().enumerate() {
+            self.check_trajectory(&format!("trajectories.{index}"), trajectory, &walls)?;
+        }
+        self.check_radio()?;
+        for (index, interference) in self.interference.iter().enumerate() {
+            let key = format!("interference.{index}");
+            check_part(&format!("{key}.during"), interference.during)?;
+            self.check_anchor_names(&format!("{key}.anchors"), &interference.anchors)?;
+            let half_band_hz = 0.5 * (1.0 + interference.roll_off) / interference.pulse_duration_s;
+            check_carrier(&format!("{key}.carrier_hz"), interference.carrier_hz, half_band_hz)?;
+        }
+        for (index, obstruction) in self.obstructions.iter().enumerate() {
+            check_part(&format!("obstructions.{index}.during"), obstruction.during)?;
+            self.check_anchor_names(&format!("obstructions.{index}.anchors"), &obstruction.anchors)?;
+        }
+        for (index, &gap) in self.lost_frames.gaps.iter().enumerate() {
+            check_part(&format!("lost_frames.gaps.{index}"), gap)?;
+        }
+        Ok(())
+    }
+
+    fn check_room(&self, key: &str, room: &Room) -> Result<Vec<Wall>, Fault> {
+        let corners_m = &room.corners_m;
+        let corners_key = format!("{key}.corners_m");
+        if !room.sides.is_empty() && room.sides.len() != corners_m.len() {
+            let reason = format!("has {} entries for {} corners", room.sides.len(), corners_m.len());
+            return Err(Fault::at(format!("{key}.sides"), reason).allowed("none, or one per corner"));
+        }
+        let walls: Vec<Wall> =
+            walls(room).iter().map(|&(ends_m, _)| Wall { ends_m, construction: 0 }).collect();
+        let wall_key = |index: usize| match index.checked_sub(corners_m.len()) {
+            None => format!("{corners_key}.{index}"),
+            Some(inner) => format!("{key}.inner_walls.{inner}"),
+        };
+        let wall_name = |index: usize| match index.checked_sub(corners_m.len()) {
+            None => format!("side {index}"),
+            Some(inner) => format!("inner wall {inner}"),
+        };
+        for (index, wall) in walls.iter().enumerate() {
+            let length_m = distance_m(wall.ends_m[0], wall.ends_m[1]);
+            if !(length_m > CLEARANCE_M) {
+                return Err(Fault::at(wall_key(index), format!("begins a wall {} m long", number(length_m)))
+                    .allowed(format!("above {CLEARANCE_M} m")));
+            }
+        }
+        if let Some((one, other)) = polygon::self_intersection(corners_m) {
+            let reason = format!("makes side {one} cross or touch side {other}");
+            return Err(Fault::at(&corners_key, reason).allowed("an outline that does not meet itself"));
+        }
+        let area_m2 = area_m2(corners_m);
+        if !(area_m2 > MIN_AREA_M2) {
+            return Err(Fault::at(&corners_key, format!("encloses {} m2", number(area_m2)))
+                .allowed(format!("above {MIN_AREA_M2} m2")));
+        }
+        for (index, wall) in walls.iter().enumerate() {
+            if let Some(other) = walls[..index].iter().position(|other| polygon::overlap(other, wall)) {
+                let reason = format!("overlaps {} lengthwise", wall_name(other));
+                return Err(Fault::at(wall_key(index), reason).allowed("walls that meet in single points"));
+            }
+        }
+        let sides = room.sides.iter().enumerate().map(|(index, name)| (format!("{key}.sides.{index}"), name));
+        let inner = room.inner_walls.iter().enumerate();
+        let inner =
+            inner.map(|(n, wall)| (format!("{key}.inner_walls.{n}.construction"), &wall.construction));
+        let whole = [(format!("{key}.construction"), &room.construction)];
+        for (key, name) in whole.into_iter().chain(sides).chain(inner) {
+            if construction::construction(self, name).is_none() {
+                let key: Vec<String> = key.split('.').map(str::to_owned).collect();
+                return Err(unknown_name(&key, name, construction_names(self)));
+            }
+        }
+        let order = self.propagation.reflection_order;
+        let candidates = (walls.len() as f64).powf(order as f64);
+        if !(candidates <= MAX_CANDIDATES) {
+            let reason = format!("is {order} with {} walls of `{key}`", walls.len());
+            return Err(Fault::at("propagation.reflection_order", reason).allowed(format!(
+                "at most {}: walls to the power of the order are at most {}",
+                MAX_CANDIDATES.log(walls.len() as f64).floor(),
+                number(MAX_CANDIDATES)
+            )));
+        }
+        Ok(walls)
+    }
+
+    fn check_anchors(&self, walls: &[Wall]) -> Result<(), Fault> {
+        for (index, anchor) in self.anchors.iter().enumerate() {
+            let key = format!("anchors.{index}");
+            check_line(&format!("{key}.name"), &anchor.name)?;
+            if self.anchors[..index].iter().any(|other| other.name == anchor.name) {
+                let reason = format!("repeats the name {:?}", printable(&anchor.name));
+                return Err(Fault::at(format!("{key}.name"), reason));
+            }
+            self.check_position(&format!("{key}.position_m"), anchor.position_m, walls)?;
+        }
+        Ok(())
+    }
+
+    fn check_anchor_names(&self, key: &str, names: &[String]) -> Result<(), Fault> {
+        for (index, name) in names.iter().enumerate() {
+            if !self.anchors.iter().any(|anchor| anchor.name == *name) {
+                let key: Vec<String> = format!("{key}.{index}").split('.').map(str::to_owned).collect();
+                let known = self.anchors.iter().map(|anchor| anchor.name.as_str());
+                return Err(unknown_name(&key, name, known));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_position(&self, key: &str, position_m: Position, walls: &[Wall]) -> Result<(), Fault> {
+        let [x, y] = position_m;
+        if !polygon::contains(&self.room.corners_m, position_m) {
+            return Err(
+                Fault::at(key, format!("is ({x}, {y}), outside the room")).allowed("positions inside it")
+            );
+        }
+        for wall in walls {
+            let away_m = polygon::distance_to_wall(wall, position_m);
+            if !(away_m >= CLEARANCE_M) {
+                let reason = format!("is ({x}, {y}), {} m from {}", number(away_m), spoken(wall));
+                return Err(Fault::at(key, reason).allowed(format!("at least {CLEARANCE_M} m")));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_trajectory(&self, key: &str, trajectory: &Trajectory, walls: &[Wall]) -> Result<(), Fault> {
+        if !trajectory.name.is_empty() {
+            check_line(&format!("{key}.name"), &trajectory.name)?;
+        }
+        // Length or time of the way in cycles; rounding must not cost the last one.
+        let (extent, way_key, positions): (f64, _, Vec<Position>) = match &trajectory.way {
+            // Its file is checked when it is read.
+            Way::Recorded { file } if file.is_empty() => {
+                return Err(Fault::at(format!("{key}.way.recorded.file"), "is empty"));
+            }
+            Way::Recorded { .. } => return Ok(()),
+            Way::Polyline { vertices_m, step_m } => {
+                let length_m: f64 = vertices_m.windows(2).map(|ends| distance_m(ends[0], ends[1])).sum();
+                (length_m / step_m, format!("{key}.way.polyline.vertices_m"), vertices_m.clone())
+            }
+            Way::Waypoints { points } => {
+                let legs = points.windows(2);
+                let moving =
+                    legs.map(|ends| distance_m(ends[0].position_m, ends[1].position_m) / ends[0].speed_m_s);
+                let time_s = moving.sum::<f64>() + points.iter().map(|point| point.pause_s).sum::<f64>();
+                let positions = points.iter().map(|point| point.position_m).collect();
+                (time_s / trajectory.period_s, format!("{key}.way.waypoints.points"), positions)
+            }
+        };
+        if !(extent > 0.0) {
+            return Err(Fault::at(&way_key, "leads nowhere").allowed("a way of some length"));
+        }
+        let has = (extent + 1e-6).floor() + 1.0;
+        match trajectory.cycles {
+            Some(cycles) if cycles as f64 > has => {
+                let reason = format!("is {cycles}, more than the way has");
+                return Err(Fault::at(format!("{key}.cycles"), reason).allowed(format!("1 to {has}")));
+            }
+            None if has > MAX_CYCLES => {
+                return Err(Fault::at(&way_key, format!("has {} cycles", number(has)))
+                    .allowed(format!("at most {}, or fewer by `cycles`", number(MAX_CYCLES))));
+            }
+            _ => {}
+        }
+        let entry_key = |index: usize| match trajectory.way {
+            Way::Waypoints { .. } => format!("{way_key}.{index}.position_m"),
+            _ => format!("{way_key}.{index}"),
+        };
+        self.check_position(&entry_key(0), positions[0], walls)?;
+        for (index, ends) in positions.windows(2).enumerate() {
+            let leg = Wall { ends_m: [ends[0], ends[1]], construction: 0 };
+            // A leg that no wall is near to begins and ends on the same side of all of them.
+            let Some(wall) = walls.iter().find(|wall| nearer_than_clearance(&leg, wall)) else { continue };
+            self.check_position(&entry_key(index + 1), ends[1], walls)?;
+            let reason = format!("is reached through or along {}", spoken(wall));
+            return Err(Fault::at(entry_key(index + 1), reason)
+                .allowed(format!("legs at least {CLEARANCE_M} m from every wall")));
+        }
+        Ok(())
+    }
+
+    fn check_radio(&self) -> Result<(), Fault> {
+        let radio = &self.radio;
+        let actions = radio.actions();
+        if radio.first_action() >= actions.len() {
+            let reason = format!("is {} in a library of {}", radio.first_action(), actions.len());
+            return Err(
+                Fault::at("radio.first_action", reason).allowed(format!("0 to {}", actions.len() - 1))
+            );
+        }
+        if let Window::FirstPath { sample } = radio.window()
+            && sample >= radio.samples()
+        {
+            let reason = format!("is {sample} in frames of {} samples", radio.samples());
+            return Err(Fault::at("radio.window.first-path.sample", reason)
+                .allowed(format!("0 to {}", radio.samples() - 1)));
+        }
+        let spacing_s = radio.sample_spacing_s();
+        let roll_off = match radio.pulse() {
+            Pulse::RootRaisedCosine { roll_off } => Some(roll_off),
+            Pulse::Hrp => Some(0.5),
+            Pulse::Sampled { spacing_s: pulse_spacing_s, samples } => {
+                check_sampled_pulse(&samples, pulse_spacing_s, spacing_s)?;
+                None
+            }
+        };
+        // These receivers limit channels 4 and 7 themselves.
+        let receiver_limits = radio.library() == Library::Named(NamedLibrary::Dw1000);
+        for (index, action) in actions.iter().enumerate() {
+            let (key, band_hz) = match (&radio.library, roll_off) {
+                (Some(Library::Listed(_)), Some(roll_off)) => (
+                    format!("radio.library.{index}.pulse_duration_s"),
+                    (1.0 + roll_off) / action.pulse_duration_s,
+                ),
+                (_, Some(roll_off)) => {
+                    ("radio.sample_spacing_s".to_owned(), (1.0 + roll_off) / action.pulse_duration_s)
+                }
+                (_, None) => (String::new(), 1.0 / spacing_s),
+            };
+            let limited = receiver_limits && action.pulse_duration_s < 2e-9;
+            if !(limited || spacing_s * band_hz <= 1.0 + 1e-9) {
+                let reason = format!(
+                    "leaves a band of {} Hz for samples {} s apart",
+                    number(band_hz),
+                    number(spacing_s)
+                );
+                return Err(Fault::at(key, reason)
+                    .allowed(format!("a sample spacing of at most {} s", number(1.0 / band_hz))));
+            }
+            let key = match radio.library {
+                Some(Library::Listed(_)) => format!("radio.library.{index}.carrier_hz"),
+                _ => "radio.library".into(),
+            };
+            check_carrier(&key, action.carrier_hz, 0.5 * band_hz)?;
+        }
+        Ok(())
+    }
+}
+
+fn check_line(key: &str, text: &str) -> Result<(), Fault> {
+    if text.trim().is_empty() || text.contains(char::is_control) {
+        return Err(Fault::at(key, "is empty or not on one line"));
+    }
+    Ok(())
+}
+
+fn check_part(key: &str, Part([from, to]): Part) -> Result<(), Fault> {
+    if from < to {
+        return Ok(());
+    }
+    Err(Fault::at(key, format!("is from {from} to {to}")).allowed("a start before the end"))
+}
+
+fn unknown_name<'a>(key: &[String], name: &str, known: impl Iterator<Item = &'a str>) -> Fault {
+    let known = known.map(printable).collect::<Vec<_>>().join(", ");
+    Fault::new(key, format!("is {:?}, which is not defined", printable(name))).allowed(known)
+}
+
+/// Refuses a band that reaches down to zero frequency.
+fn check_carrier(key: &str, carrier_hz: f64, half_band_hz: f64) -> Result<(), Fault> {
+    if carrier_hz > half_band_hz {
+        return Ok(());
+    }
+    let reason = format!("is {} Hz with a band of {} Hz", number(carrier_hz), number(2.0 * half_band_hz));
+    Err(Fault::at(key, reason).allowed("carriers above half the band"))
+}
+
+/// Refuses a pulse without energy and one wider than the band that a frame's samples can hold.
+fn check_sampled_pulse(samples: &[[f64; 2]], spacing_s: f64, frame_spacing_s: f64) -> Result<(), Fault> {
+    let key = "radio.pulse.samples";
+    // Padding makes the spectrum smooth; the energy between bins counts as well.
+    let length = (4 * samples.len()).next_power_of_two();
+    let mut spectrum: Vec<Complex<f64>> = samples.iter().map(|&[re, im]| Complex::new(re, im)).collect();
+    spectrum.resize(length, Complex::default());
+    FftPlanner::new().plan_fft_forward(length).process(&mut spectrum);
+    let energy: f64 = spectrum.iter().map(Complex::norm_sqr).sum();
+    if !(energy.is_normal()) {
+        return Err(Fault::at(key, format!("has the energy {}", number(energy))).allowed("not all zero"));
+    }
+    let half_band_bins = 0.5 * length as f64 * spacing_s / frame_spacing_s;
+    let outside = |bin: usize| bin.min(length - bin) as f64 > half_band_bins;
+    let out_of_band: f64 =
+        (0..length).filter(|&bin| outside(bin)).map(|bin| spectrum[bin].norm_sqr()).sum::<f64>() / energy;
+    if out_of_band <= MAX_OUT_OF_BAND {
+        return Ok(());
+    }
+    let percent = (100.0 * out_of_band).round();
+    let reason = format!("has {percent} % of its energy outside the band of `radio.sample_spacing_s`");
+    Err(Fault::at(key, reason).allowed(format!("at most {} %", 100.0 * MAX_OUT_OF_BAND)))
+}
+
+fn distance_m([x, y]: Position, [u, v]: Position) -> f64 {
+    (x - u).hypot(y - v)
+}
+
+fn spoken(wall: &Wall) -> String {
+    let [[x, y], [u, v]] = wall.ends_m;
+    format!("the wall from ({x}, {y}) to ({u}, {v})")
+}
+
+/// Whether a leg passes through a wall or nearer to it than the clearance.
+fn nearer_than_clearance(leg: &Wall, wall: &Wall) -> bool {
+    let apart = |axis: usize| {
+        let range = |wall: &Wall| {
+            let [a, b] = wall.ends_m.map(|end| end[axis]);
+            (a.min(b), a.max(b))
+        };
+        let ((from, to), (other_from, other_to)) = (range(leg), range(wall));
+        from > other_to + CLEARANCE_M || other_from > to + CLEARANCE_M
+    };
+    // Most walls are far away, and ways have very many legs.
+    if apart(0) || apart(1) {
+        return false;
+    }
+    meet(leg, wall)
+        || leg.ends_m.iter().any(|&end| polygon::distance_to_wall(wall, end) < CLEARANCE_M)
+        || wall.ends_m.iter().any(|&end| polygon::distance_to_wall(leg, end) < CLEARANCE_M)
+}
+
+/// Twice the area of the triangle, positive where it turns left.
+fn turn([ax, ay]: Position, [bx, by]: Position, [cx, cy]: Position) -> f64 {
+    (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+}
+
+/// Whether two walls have a point in common.
+fn meet(one: &Wall, other: &Wall) -> bool {
+    let ([a, b], [c, d]) = (one.ends_m, other.ends_m);
+    let crosses = turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0;
+    let touches = |wall: &Wall, point| polygon::distance_to_wall(wall, point) < 1e-9;
+    crosses
+        || [a, b].into_iter().any(|end| touches(other, end))
+        || [c, d].into_iter().any(|end| touches(one, end))
+}
+
+/// The area that an outline encloses.
+fn area_m2(corners_m: &[Position]) -> f64 {
+    let next = corners_m.iter().cycle().skip(1);
+    0.5 * corners_m.iter().zip(next).map(|([x, y], [u, v])| x * v - u * y).sum::<f64>().abs()
+}
+
+// ---- To be replaced by `crate::geometry::polygon` at the merge: from here ... ----
+mod polygon {
+    use super::{Position, Wall, distance_m, meet, turn};
+
+    pub(super) fn self_intersection(corners_m: &[Position]) -> Option<(usize, usize)> {
+        let count = corners_m.len();
+        let side = |n: usize| Wall { ends_m: [corners_m[n], corners_m[(n + 1) % count]], construction: 0 };
+        let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |other| (one, other)));
+        let mut meeting = pairs.filter(|&(one, other)| {
+            let neighbours = other == one + 1 || (one == 0 && other == count - 1);
+            if neighbours { overlap(&side(one), &side(other)) } else { meet(&side(one), &side(other)) }
+        });
+        meeting.next()
+    }
+
+    /// Whether two walls run along each other for more than a point.
+    pub(super) fn overlap(one: &Wall, other: &Wall) -> bool {
+        let ([a, b], [c, d]) = (one.ends_m, other.ends_m);
+        let length_m = distance_m(a, b);
+        let along = |[x, y]: Position| ((x - a[0]) * (b[0] - a[0]) + (y - a[1]) * (b[1] - a[1])) / length_m;
+        let off = |point| turn(a, b, point).abs() / length_m;
+        let (from, to) = (along(c).min(along(d)), along(c).max(along(d)));
+        off(c) < 1e-6 && off(d) < 1e-6 && from.max(0.0) + 1e-6 < to.min(length_m)
+    }
+
+    pub(super) fn contains(corners_m: &[Position], [x, y]: Position) -> bool {
+        let next = corners_m.iter().cycle().skip(1);
+        let crossings = corners_m.iter().zip(next).filter(|([ax, ay], [bx, by])| {
+            (*ay > y) != (*by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax)
+        });
+        crossings.count() % 2 == 1
+    }
+
+    pub(super) fn distance_to_wall(wall: &Wall, [x, y]: Position) -> f64 {
+        let [[ax, ay], [bx, by]] = wall.ends_m;
+        let (dx, dy) = (bx - ax, by - ay);
+        let squared = dx * dx + dy * dy;
+        let share = if squared > 0.0 { ((x - ax) * dx + (y - ay) * dy) / squared } else { 0.0 };
+        let share = share.clamp(0.0, 1.0);
+        distance_m([x, y], [ax + share * dx, ay + share * dy])
+    }
+}
+// ---- ... to here. ----

@@ -8,13 +8,17 @@
 
 mod builtin;
 mod check;
+mod construction;
+mod radio;
 mod read;
+mod schema;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 pub use builtin::{BUILT_IN, BuiltIn};
+pub use construction::{construction, material, walls};
 
 /// The version of the format: the key `format`.
 pub const FORMAT: u32 = 1;
@@ -34,6 +38,7 @@ pub struct Scenario {
     pub description: String,
     /// Seed of everything random, unless the command is given another.
     #[serde(default = "defaults::seed")]
+    #[schemars(range(min = 0, max = 9_007_199_254_740_992_u64))]
     pub seed: u64,
     /// The floor plan.
     pub room: Room,
@@ -112,17 +117,23 @@ pub struct Room {
 /// A horizontal position: x and y, metres.
 pub type Position = [f64; 2];
 
-/// Bounds of a coordinate, for the schema.
+/// A coordinate, metres. It bounds coordinates in the schema.
 #[derive(JsonSchema)]
 #[schemars(transparent)]
 #[allow(dead_code, reason = "says what a coordinate may be; the values themselves are plain numbers")]
 struct Coordinate(#[schemars(range(min = -1000.0, max = 1000.0))] f64);
 
-/// Bounds of a share of the way, for the schema.
+/// A share of the way. It bounds shares in the schema.
 #[derive(JsonSchema)]
 #[schemars(transparent)]
 #[allow(dead_code, reason = "says what a share may be; the values themselves are plain numbers")]
 struct Share(#[schemars(range(min = 0.0, max = 1.0))] f64);
+
+/// One part of a pulse's sample. It bounds samples in the schema.
+#[derive(JsonSchema)]
+#[schemars(transparent)]
+#[allow(dead_code, reason = "says what a sample may be; the values themselves are plain numbers")]
+struct SamplePart(#[schemars(range(min = -1e12, max = 1e12))] f64);
 
 /// A wall inside the room.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -312,6 +323,7 @@ impl Default for Tag {
 pub struct Trajectory {
     /// Its name.
     #[serde(default)]
+    #[schemars(length(max = 200))]
     pub name: String,
     /// Time between two cycles, seconds.
     #[serde(default = "defaults::period_s")]
@@ -441,6 +453,7 @@ pub enum Pulse {
         spacing_s: f64,
         /// Real and imaginary part of each sample, in any unit; the pulse is scaled to unit energy.
         #[schemars(length(min = 2, max = 4096))]
+        #[schemars(with = "Vec<[SamplePart; 2]>")]
         samples: Vec<[f64; 2]>,
     },
 }
