@@ -28,6 +28,8 @@ enum Command {
     /// Check, list and show scenarios.
     #[command(subcommand)]
     Scenario(command::scenario::Action),
+    /// Make a recording of a scenario.
+    Simulate(command::simulate::Options),
     /// Replay a recording through the core: table, figure, scores.
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         None => command::demo::run(&arguments.demo),
         Some(Command::Import(source)) => command::import::run(&source),
         Some(Command::Scenario(action)) => command::scenario::run(&action),
+        Some(Command::Simulate(options)) => command::simulate::run(&options),
         Some(Command::Track(options)) => command::track::run(&options),
         Some(Command::Verify(options)) => command::verify::run(&options),
         Some(Command::Trace(options)) => command::trace::run(&options),

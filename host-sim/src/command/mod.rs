@@ -3,6 +3,7 @@
 pub mod demo;
 pub mod import;
 pub mod scenario;
+pub mod simulate;
 pub mod trace;
 pub mod track;
 pub mod verify;

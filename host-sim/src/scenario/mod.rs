@@ -8,7 +8,7 @@
 
 mod builtin;
 mod check;
-mod construction;
+pub mod construction;
 mod radio;
 mod read;
 mod schema;
