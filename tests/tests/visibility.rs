@@ -239,11 +239,11 @@ impl Draw {
     }
 
     fn room(&mut self, number: usize) -> Vec<Wall> {
-        let corners = if number % 3 == 0 { self.rectilinear() } else { self.star() };
+        let corners = if number.is_multiple_of(3) { self.rectilinear() } else { self.star() };
         let after = corners.iter().cycle().skip(1);
         let mut walls: Vec<Wall> =
             corners.iter().zip(after).map(|(&a, &b)| Wall { ends_m: [a, b], construction: 0 }).collect();
-        if number % 2 == 0 {
+        if number.is_multiple_of(2) {
             for _ in 0..self.count(1, 3) {
                 let (from, angle) = (self.place(&walls), self.between(0.0, TAU));
                 let size = self.between(0.5, 3.0);

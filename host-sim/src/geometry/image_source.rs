@@ -7,9 +7,10 @@
 //!
 //! Walls do not shade each other here, since paths may pass through them; that is [`super::visibility`]'s business.
 //!
-//! Cost: one step for every beam and wall. With W walls there are at most `W (W - 1)^(k - 1)` beams of order k; the
-//! apertures leave about `(2 k)` of them per wall in a convex room, and some `m^k` times as many where a straight line
-//! through the room crosses m walls on its way. The numbers are measured in the tests of this module.
+//! Cost: one step for every beam and wall. W walls make at most `W (W - 1)^(k - 1)` beams of order k. In a plain room
+//! the apertures leave few of them: 1 894 of 590 490 at order 6 in a room of ten walls, 961 up to order 8 in a
+//! rectangle. Many walls side by side leave many, since they do not shade each other: an office of 36 partitions makes
+//! 41, 506, 4 509 and 36 640 up to orders 1 to 4. Whoever takes floor plans from users has to bound both numbers.
 
 use std::collections::HashMap;
 

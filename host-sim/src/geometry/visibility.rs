@@ -52,8 +52,8 @@ pub fn trace(
     transmissions: usize,
 ) -> Option<Ray> {
     let path = Path::new(walls, anchor_m, sequence, tag_m)?;
-    path.crossings(walls, transmissions)?;
-    Some(path.ray(walls))
+    let crossings = path.crossings(walls, transmissions)?;
+    Some(path.ray(walls, crossings))
 }
 
 /// The path of an image source to the tag: of its sequences the first with the fewest walls passed through, if any has
@@ -82,7 +82,7 @@ pub fn trace_image(
             best = Some((crossings, path));
         }
     }
-    best.map(|(_, path)| path.ray(walls))
+    best.map(|(crossings, path)| path.ray(walls, crossings))
 }
 
 /// A path of valid reflections, whatever it passes through. Arrays, because nearly all candidates are discarded.
@@ -171,9 +171,13 @@ impl<'a> Path<'a> {
         Some(count)
     }
 
-    fn ray(&self, walls: &[Wall]) -> Ray {
-        let mut crossed = Vec::new();
+    /// The path as it is given out; `crossings` is how many walls it passes through.
+    fn ray(&self, walls: &[Wall], crossings: usize) -> Ray {
+        let mut crossed = Vec::with_capacity(crossings);
         for (from_m, to_m, reflecting) in self.legs() {
+            if crossed.len() == crossings {
+                break;
+            }
             let mut here: Vec<(f64, usize)> = (0..walls.len())
                 .filter(|&index| !reflecting.contains(&Some(index)))
                 .filter_map(|index| Some((crossing(&walls[index], from_m, to_m)?, index)))
@@ -429,9 +433,9 @@ mod tests {
                 images.iter().flat_map(|image| &image.sequences).collect();
             let count = walls.len();
             for code in 0..count.pow(3) {
-                let sequence = vec![code % count, code / count % count, code / count / count];
+                let walls_hit = [code % count, code / count % count, code / count / count];
                 for length in 1..=3 {
-                    let sequence = sequence[..length].to_vec();
+                    let sequence = walls_hit[..length].to_vec();
                     let seen = places().any(|tag_m| trace(&walls, anchor_m, &sequence, tag_m, 8).is_some());
                     assert!(!seen || kept.contains(&sequence), "{sequence:?}");
                 }
