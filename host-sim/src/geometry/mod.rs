@@ -73,8 +73,19 @@ mod shared {
         (0..corners_m.len()).map(|n| wall(corners_m[n], corners_m[(n + 1) % corners_m.len()])).collect()
     }
 
-    /// The seminar room of the published measurements, with its projecting wall at x = 4.32 m.
+    /// The seminar room of the published measurements, with its projecting wall at x = 4.32 m. The height of that
+    /// corner, 6 m, is not published.
     pub(super) fn seminar_room() -> Vec<Wall> {
         polygon(&[[-0.306, 0.0], [5.775, 0.0], [5.775, 6.0], [4.32, 6.0], [4.32, 8.547], [-0.306, 8.547]])
+    }
+
+    /// A room of ten walls, two of them inside.
+    pub(super) fn room_of_ten_walls() -> Vec<Wall> {
+        let corners_m =
+            [[0.0, 0.0], [9.0, 0.3], [9.4, 4.0], [6.0, 4.1], [6.2, 7.0], [3.0, 8.1], [2.8, 6.0], [-0.2, 6.3]];
+        let mut walls = polygon(&corners_m);
+        walls.push(wall([3.0, 0.1], [3.3, 2.0]));
+        walls.push(wall([4.5, 3.0], [5.5, 4.5]));
+        walls
     }
 }

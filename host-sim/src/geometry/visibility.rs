@@ -52,8 +52,8 @@ pub fn trace(
     transmissions: usize,
 ) -> Option<Ray> {
     let path = Path::new(walls, anchor_m, sequence, tag_m)?;
-    path.crossings(walls, transmissions)?;
-    Some(path.ray(walls))
+    let crossings = path.crossings(walls, transmissions)?;
+    Some(path.ray(walls, crossings))
 }
 
 /// The path of an image source to the tag: of its sequences the first with the fewest walls passed through, if any has
@@ -82,7 +82,7 @@ pub fn trace_image(
             best = Some((crossings, path));
         }
     }
-    best.map(|(_, path)| path.ray(walls))
+    best.map(|(crossings, path)| path.ray(walls, crossings))
 }
 
 /// A path of valid reflections, whatever it passes through. Arrays, because nearly all candidates are discarded.
@@ -171,9 +171,13 @@ impl<'a> Path<'a> {
         Some(count)
     }
 
-    fn ray(&self, walls: &[Wall]) -> Ray {
-        let mut crossed = Vec::new();
+    /// The path as it is given out; `crossings` is how many walls it passes through.
+    fn ray(&self, walls: &[Wall], crossings: usize) -> Ray {
+        let mut crossed = Vec::with_capacity(crossings);
         for (from_m, to_m, reflecting) in self.legs() {
+            if crossed.len() == crossings {
+                break;
+            }
             let mut here: Vec<(f64, usize)> = (0..walls.len())
                 .filter(|&index| !reflecting.contains(&Some(index)))
                 .filter_map(|index| Some((crossing(&walls[index], from_m, to_m)?, index)))
@@ -214,4 +218,228 @@ fn crossing(wall: &Wall, from_m: [f64; 2], to_m: [f64; 2]) -> Option<f64> {
     }
     let share = from / (from - to);
     (share.min(1.0 - share) * length(leg) > TOUCH_M).then_some(share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::image_source::image_sources;
+    use super::super::shared::{polygon, room_of_ten_walls, seminar_room, wall};
+    use super::*;
+
+    fn near(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-9, "{a} instead of {b}");
+    }
+
+    /// Places all over the room of ten walls.
+    fn places() -> impl Iterator<Item = [f64; 2]> {
+        (0..60).map(|n| {
+            let n = f64::from(n);
+            [0.4 + 8.0 * (n * 0.754_877).fract(), 0.5 + 5.0 * (n * 0.569_84).fract()]
+        })
+    }
+
+    #[test]
+    fn a_rectangle_shows_every_image_once_with_its_closed_form_length() {
+        let walls = polygon(&[[0.0, 0.0], [5.0, 0.0], [5.0, 3.0], [0.0, 3.0]]);
+        let (anchor_m, tag_m) = ([1.3, 0.9], [3.9, 2.2]);
+        let mut lengths_m = Vec::new();
+        for image in image_sources(&walls, anchor_m, 4) {
+            let rays: Vec<Ray> = image
+                .sequences
+                .iter()
+                .filter_map(|walls_hit| trace(&walls, anchor_m, walls_hit, tag_m, 0))
+                .collect();
+            assert_eq!(rays.len(), 1, "{image:?}");
+            assert_eq!(trace_image(&walls, anchor_m, &image, tag_m, 0), Some(rays[0].clone()));
+            assert_eq!(rays[0].reflections.len(), image.order);
+            lengths_m.push(rays[0].length_m());
+        }
+        // Across and up independently: n reflections put the source at n W + x, or n W + W - x for odd n.
+        let mirrored =
+            |n: i32, width: f64, x: f64| f64::from(n) * width + if n % 2 == 0 { x } else { width - x };
+        let mut expected_m = Vec::new();
+        for across in -4_i32..=4 {
+            for up in -4_i32..=4 {
+                if across.abs() + up.abs() <= 4 {
+                    let x_m = mirrored(across, 5.0, anchor_m[0]) - tag_m[0];
+                    let y_m = mirrored(up, 3.0, anchor_m[1]) - tag_m[1];
+                    expected_m.push(x_m.hypot(y_m));
+                }
+            }
+        }
+        lengths_m.sort_by(f64::total_cmp);
+        expected_m.sort_by(f64::total_cmp);
+        assert_eq!(lengths_m.len(), 41);
+        for (length_m, expected_m) in lengths_m.into_iter().zip(expected_m) {
+            near(length_m, expected_m);
+        }
+    }
+
+    #[test]
+    fn incidence_is_measured_from_the_walls_normal() {
+        let walls = [wall([-5.0, 0.0], [5.0, 0.0]), wall([2.0, 0.5], [4.0, 2.5])];
+        let ray = trace(&walls, [0.0, 3.0], &[0], [4.0, 1.0], 1).unwrap();
+        assert_eq!(ray.points_m, [[0.0, 3.0], [3.0, 0.0], [4.0, 1.0]]);
+        near(ray.length_m(), 32.0_f64.sqrt());
+        near(ray.reflections[0].cos_incidence, 0.5_f64.sqrt());
+        // The incoming leg meets the slanted wall at a right angle; the other leg runs parallel to it.
+        assert_eq!(ray.crossed.len(), 1);
+        assert_eq!(ray.crossed[0].wall, 1);
+        near(ray.crossed[0].cos_incidence, 1.0);
+    }
+
+    #[test]
+    fn walls_in_the_way_block_unless_as_many_may_be_passed_through() {
+        let walls = [wall([2.0, -1.0], [2.0, 1.0]), wall([1.0, -1.0], [1.0, 1.0])];
+        let through = |transmissions| trace(&walls, [0.0, 0.0], &[], [3.0, 0.0], transmissions);
+        assert_eq!((through(0), through(1)), (None, None));
+        let crossed: Vec<usize> = through(2).unwrap().crossed.iter().map(|crossing| crossing.wall).collect();
+        assert_eq!(crossed, [1, 0], "in the order of the path");
+        assert!(trace(&walls, [0.0, 0.0], &[], [0.9, 0.0], 0).is_some());
+        assert!(trace(&walls, [0.0, 0.0], &[], [3.0, 4.0], 0).is_some(), "past the ends");
+    }
+
+    #[test]
+    fn a_leg_along_a_wall_does_not_cross_it() {
+        let slanted = wall([1.0, 1.0 / 3.0], [2.0, 2.0 / 3.0]);
+        assert!(trace(&[slanted], [0.0, 0.0], &[], [3.0, 1.0], 0).is_some());
+        assert!(trace(&[slanted], [0.0, 0.1], &[], [3.0, 1.1], 0).is_some());
+    }
+
+    #[test]
+    fn a_reflection_needs_both_ends_on_one_side_and_the_point_on_the_wall() {
+        let walls = [wall([0.0, 0.0], [2.0, 0.0])];
+        let bounce = |anchor_m, tag_m| trace(&walls, anchor_m, &[0], tag_m, 8).is_some();
+        assert!(bounce([0.0, 1.0], [2.0, 1.0]) && bounce([0.0, -1.0], [2.0, -1.0]));
+        assert!(!bounce([0.0, 1.0], [2.0, -1.0]), "through it");
+        assert!(!bounce([3.0, 1.0], [5.0, 1.0]), "past it");
+        assert!(!bounce([0.0, 0.0], [2.0, 1.0]) && !bounce([0.0, 1.0], [2.0, 0.0]), "in its plane");
+        assert!(bounce([1.0, 1.0], [3.0 + 1e-6, 1.0]) && !bounce([1.0, 1.0], [3.0 + 3e-6, 1.0]), "its end");
+        assert_eq!(trace(&walls, [0.0, 1.0], &[0, 0], [1.0, -1.0], 8), None, "twice in a row");
+        assert_eq!(trace(&walls, [0.0, 1.0], &[0; 9], [1.0, 1.0], 8), None);
+        assert_eq!(trace(&walls, [f64::NAN, 1.0], &[0], [1.0, 1.0], 8), None);
+    }
+
+    #[test]
+    fn a_path_into_a_right_angled_corner_comes_back_by_exactly_one_merged_image() {
+        let walls = polygon(&[[0.0, 0.0], [5.0, 0.0], [5.0, 5.0], [0.0, 5.0]]);
+        let images = image_sources(&walls, [1.0, 1.0], 2);
+        let corner = images.iter().find(|image| image.sequences.contains(&vec![0, 3])).unwrap();
+        assert_eq!(corner.sequences.len(), 2);
+        // On the diagonal both reflections are in the corner itself.
+        for tag_m in [[3.0, 3.0], [3.0, 3.0 + 1e-13], [3.0, 3.1], [3.1, 3.0]] {
+            let ray = trace_image(&walls, [1.0, 1.0], corner, tag_m, 0).unwrap();
+            near(ray.length_m(), (1.0 + tag_m[0]).hypot(1.0 + tag_m[1]));
+            assert!(ray.reflections.iter().all(|reflection| reflection.cos_incidence > 0.6));
+        }
+    }
+
+    #[test]
+    fn a_wall_in_two_pieces_reflects_and_blocks_at_the_joint_like_one() {
+        let walls = polygon(&[[0.0, 0.0], [2.0, 0.0], [5.0, 0.0], [5.0, 3.0], [0.0, 3.0]]);
+        let images = image_sources(&walls, [1.0, 1.0], 1);
+        for tag_m in [[3.0, 1.0], [3.0 - 1e-12, 1.0], [3.0 + 1e-12, 1.0]] {
+            let ray = trace_image(&walls, [1.0, 1.0], &images[1], tag_m, 0).unwrap();
+            near(ray.length_m(), 8.0_f64.sqrt());
+        }
+        for tag_m in [[3.0, -1.0], [3.0 - 1e-12, -1.0], [3.0 + 1e-12, -1.0]] {
+            let ray = trace(&walls, [1.0, 1.0], &[], tag_m, 8).unwrap();
+            assert_eq!(ray.crossed.len(), 1);
+            // Nor does the joint turn a path back that goes straight on.
+            assert_eq!(trace(&walls, [1.0, 1.0], &[0, 1], tag_m, 8), None);
+        }
+    }
+
+    #[test]
+    fn an_inner_wall_that_abuts_leaves_the_reflection_beside_it_alone() {
+        let mut walls = polygon(&[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]);
+        for end_y_m in [0.0, 1e-9, -1e-9] {
+            walls.truncate(4);
+            walls.push(wall([2.0, end_y_m], [2.0, 1.0]));
+            // The path meets the outer wall where the inner one does: it touches, and the rest is free.
+            assert!(trace(&walls, [1.0, 2.0], &[0], [3.0, 2.0], 0).is_some());
+            assert!(trace(&walls, [1.0, 2.0], &[0], [3.1, 2.0], 0).is_none(), "through the inner wall");
+            let legs = trace(&walls, [1.0, 2.0], &[0], [3.1, 2.0], 1).unwrap();
+            assert_eq!(legs.crossed[0].wall, 4);
+        }
+    }
+
+    #[test]
+    fn the_sequence_with_the_fewest_walls_passed_through_is_taken() {
+        // Two pieces of one plane, the first behind a curtain.
+        let walls =
+            [wall([0.0, 0.0], [2.0, 0.0]), wall([-1.0, 0.5], [3.0, 0.5]), wall([0.0, -1.0], [2.0, -1.0])];
+        let image =
+            ImageSource { position_m: [0.0; 2], sequences: vec![vec![0], vec![1], vec![2]], order: 1 };
+        let ray = trace_image(&walls, [0.5, 1.0], &image, [1.5, 1.0], 8).unwrap();
+        assert_eq!((ray.reflections[0].wall, ray.crossed.len()), (1, 0));
+        let hidden = ImageSource { sequences: vec![vec![2], vec![0]], ..image };
+        let ray = trace_image(&walls, [0.5, 1.0], &hidden, [1.5, 1.0], 8).unwrap();
+        assert_eq!((ray.reflections[0].wall, ray.crossed.len()), (0, 2));
+        assert_eq!(trace_image(&walls, [0.5, 1.0], &hidden, [1.5, 1.0], 1), None);
+    }
+
+    #[test]
+    fn a_path_is_as_long_as_the_way_from_its_image_and_the_same_backwards() {
+        let walls = room_of_ten_walls();
+        let anchor_m = [4.0, 5.0];
+        let images = image_sources(&walls, anchor_m, 4);
+        let mut paths = 0;
+        for tag_m in places() {
+            let backwards = image_sources(&walls, tag_m, 4);
+            for image in &images {
+                for sequence in &image.sequences {
+                    let Some(ray) = trace(&walls, anchor_m, sequence, tag_m, 2) else { continue };
+                    paths += 1;
+                    if sequence == &image.sequences[0] {
+                        near(ray.length_m(), length(sub(tag_m, image.position_m)));
+                    }
+                    let reversed: Vec<usize> = sequence.iter().rev().copied().collect();
+                    let back = trace(&walls, tag_m, &reversed, anchor_m, 2).unwrap();
+                    near(back.length_m(), ray.length_m());
+                    let walls_of =
+                        |crossings: &[Crossing]| crossings.iter().map(|c| c.wall).collect::<Vec<_>>();
+                    assert!(walls_of(&ray.crossed).iter().rev().eq(&walls_of(&back.crossed)));
+                    assert!(
+                        backwards.iter().any(|image| image.sequences.contains(&reversed)),
+                        "{reversed:?}"
+                    );
+                    for (there, again) in ray.reflections.iter().zip(back.reflections.iter().rev()) {
+                        near(there.cos_incidence, again.cos_incidence);
+                    }
+                }
+            }
+        }
+        assert!(paths > 1000, "{paths}");
+    }
+
+    /// The pruning against every sequence there is.
+    #[test]
+    fn clipping_drops_no_sequence_that_some_place_can_see() {
+        let mut rooms = vec![room_of_ten_walls(), seminar_room()];
+        // Free walls, one of them abutting, with a joint in one plane and a small gap.
+        rooms.push(vec![
+            wall([0.0, 0.0], [3.0, 0.0]),
+            wall([3.0, 0.0], [6.0, 0.0]),
+            wall([2.0, 0.0], [2.5, 2.0]),
+            wall([0.0, 4.0], [4.0, 4.2]),
+            wall([4.1, 4.2], [6.0, 3.0]),
+            wall([5.0, -1.0], [5.0, 3.0]),
+        ]);
+        for walls in rooms {
+            let anchor_m = [2.2, 3.1];
+            let images = image_sources(&walls, anchor_m, 3);
+            let kept: std::collections::HashSet<&Vec<usize>> =
+                images.iter().flat_map(|image| &image.sequences).collect();
+            let count = walls.len();
+            for code in 0..count.pow(3) {
+                let walls_hit = [code % count, code / count % count, code / count / count];
+                for length in 1..=3 {
+                    let sequence = walls_hit[..length].to_vec();
+                    let seen = places().any(|tag_m| trace(&walls, anchor_m, &sequence, tag_m, 8).is_some());
+                    assert!(!seen || kept.contains(&sequence), "{sequence:?}");
+                }
+            }
+        }
+    }
 }
