@@ -109,7 +109,7 @@ fn strengths(channel: &Channel) -> Vec<Strength> {
     let mut strengths = Vec::new();
     for anchor in 0..channel.scenario().anchors.len() {
         let seen: Vec<_> = looks.par_iter().map(|&cycle| channel.components(cycle, anchor, action)).collect();
-        let mut sums = vec![0.0; channel.images(anchor).len() + 1];
+        let mut sums = vec![0.0; channel.images(anchor).len()];
         for component in seen.iter().flatten() {
             sums[component.source] += component.sinr;
         }
@@ -117,10 +117,13 @@ fn strengths(channel: &Channel) -> Vec<Strength> {
         let visible: BTreeSet<usize> = (0..cycles)
             .into_par_iter()
             .flat_map_iter(|cycle| channel.paths(cycle, anchor).into_iter().map(|path| path.source()))
+            .filter(|&source| source > 0)
             .collect();
-        strengths.extend(visible.into_iter().filter_map(|source| {
-            let mean_sinr = sums[source] / looks.len() as f64;
-            Some(Strength { anchor, image: source.checked_sub(1)?, mean_sinr })
+        let looks = looks.len() as f64;
+        strengths.extend(visible.into_iter().map(|image| Strength {
+            anchor,
+            image,
+            mean_sinr: sums[image] / looks,
         }));
     }
     strengths

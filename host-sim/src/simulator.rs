@@ -16,7 +16,7 @@ pub struct Simulator {
     channel: Channel,
     trajectory: usize,
     virtual_anchors: Vec<recording::VirtualAnchor>,
-    /// Per anchor: the virtual anchor of each source but the direct path, where it is ever visible.
+    /// Per anchor: the virtual anchor of each image source that is ever visible; none for the anchor itself.
     virtual_anchor_of: Vec<Vec<Option<usize>>>,
 }
 
@@ -220,10 +220,9 @@ impl Simulator {
     }
 
     fn truth_path(&self, anchor: usize, component: &Component, gain: f64) -> TruthPath {
-        let images = &self.virtual_anchor_of[anchor];
         TruthPath {
             anchor,
-            virtual_anchor: component.source.checked_sub(1).and_then(|image| images[image]),
+            virtual_anchor: self.virtual_anchor_of[anchor][component.source],
             delay_s: component.delay_s,
             magnitude: component.magnitude * gain,
             sinr: component.sinr,

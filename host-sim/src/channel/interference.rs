@@ -7,12 +7,46 @@ use super::dense_multipath::{ProfileTable, Scatterers, View};
 use super::lattice::Scratch;
 use super::pulse::PulseSpectrum;
 use super::{Band, Channel};
+use crate::input_error::InputError;
 use crate::scenario::{Fading, Profile, Strength};
 use rustfft::num_complex::Complex64;
 use std::ops::Range;
 
 /// Cycles that a strength stated as a median SINR is worked out from, at most.
 const SAMPLED_CYCLES: usize = 200;
+
+/// SINR from which on a path counts as used: where visibility begins (4.8 dB).
+const USED_SINR: f64 = 3.0;
+
+/// A path that an interferer is to weaken.
+struct UsedPath {
+    power: f64,
+    /// Everything else that disturbs it.
+    disturbance: f64,
+    /// Disturbance per total power of the interferer.
+    share: f64,
+}
+
+/// Median SINR of paths beside an interferer of total power `omega`; zero where there is no path.
+fn median_sinr(paths: &[UsedPath], omega: f64) -> f64 {
+    let sinr = |path: &UsedPath| path.power / (path.disturbance + omega * path.share);
+    let mut values: Vec<f64> = paths.iter().map(sinr).collect();
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// The total power that leaves a median SINR of `sinr`: bisection on its logarithm.
+fn omega_for(paths: &[UsedPath], sinr: f64) -> f64 {
+    let (mut low, mut high) = (-30.0, 90.0);
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if median_sinr(paths, libm::exp(middle)) > sinr { low = middle } else { high = middle }
+    }
+    libm::exp(0.5 * (low + high))
+}
 
 /// An interferer with its strength worked out.
 pub(super) struct Interferer {
@@ -34,7 +68,10 @@ pub(super) struct Interferer {
 
 impl Interferer {
     /// The interferer `index` of the channel's scenario, in the channel with all interferers before it.
-    pub(super) fn new(channel: &Channel, index: usize) -> Self {
+    ///
+    /// # Errors
+    /// The SINR that it is to leave is not there without it.
+    pub(super) fn new(channel: &Channel, index: usize) -> Result<Self, InputError> {
         let wanted = &channel.scenario.interference[index];
         let anchors = &channel.scenario.anchors;
         let spectrum = PulseSpectrum::root_raised_cosine(wanted.pulse_duration_s, wanted.roll_off);
@@ -63,9 +100,19 @@ impl Interferer {
         }
         interferer.omega = match wanted.strength {
             Strength::Omega1(gain) => gain / super::friis(1.0, super::REFERENCE_HZ) * channel.snr_at_1_m(),
-            Strength::MedianSinrDb(db) => interferer.omega_for(channel, super::power_of(db)),
+            Strength::MedianSinrDb(db) => {
+                let paths = interferer.used_paths(channel);
+                let clean_db = 10.0 * libm::log10(median_sinr(&paths, 0.0));
+                // Also where there is no path at all.
+                if !(clean_db > db) {
+                    let reason = format!("is {db}, but without the interferer it is {clean_db:.1} already");
+                    let key = format!("interference.{index}.strength.median_sinr_db");
+                    return Err(InputError::new(&channel.scenario.name, reason).for_item(key));
+                }
+                omega_for(&paths, super::power_of(db))
+            }
         };
-        interferer
+        Ok(interferer)
     }
 
     fn drawn(&self, channel: &Channel, stream: &[usize]) -> Scatterers {
@@ -82,42 +129,31 @@ impl Interferer {
         }
     }
 
-    /// The power at which the median SINR of all visible paths, at the library's entry nearest to the interferer, is
-    /// `sinr`: bisection on its logarithm.
-    fn omega_for(&self, channel: &Channel, sinr: f64) -> f64 {
+    /// The paths that a tracker would use on the interferer's part of the way, at the library's entry nearest to its
+    /// carrier: those that are visible by their SINR without it.
+    fn used_paths(&self, channel: &Channel) -> Vec<UsedPath> {
         let distance = |band: &Band| (band.carrier_hz - self.carrier_hz).abs();
         let bands = &channel.bands;
         let nearest = (0..bands.len()).min_by(|&a, &b| distance(&bands[a]).total_cmp(&distance(&bands[b])));
         let action = nearest.unwrap_or(0);
         let step = self.cycles.len().div_ceil(SAMPLED_CYCLES).max(1);
-        let kept_s = self.received_s[action];
         let mut paths = Vec::new();
         for cycle in self.cycles.clone().step_by(step) {
             for anchor in (0..self.reaches.len()).filter(|&anchor| self.reaches[anchor]) {
                 let direct_s = channel.direct_delay_s(cycle, anchor);
-                for component in channel.components(cycle, anchor, action) {
+                let components = channel.components(cycle, anchor, action);
+                for component in components.into_iter().filter(|component| component.sinr >= USED_SINR) {
                     let power = component.magnitude * component.magnitude;
                     let density = self.profile.density(component.delay_s - direct_s - self.onset_s);
-                    paths.push((power, power / component.sinr.max(1e-30), density * kept_s));
+                    paths.push(UsedPath {
+                        power,
+                        disturbance: power / component.sinr,
+                        share: density * self.received_s[action],
+                    });
                 }
             }
         }
-        if paths.is_empty() {
-            return 0.0;
-        }
-        let median = |omega: f64| {
-            let mut values: Vec<f64> =
-                paths.iter().map(|(p, other, own)| p / (other + omega * own)).collect();
-            let middle = values.len() / 2;
-            *values.select_nth_unstable_by(middle, f64::total_cmp).1
-        };
-        let (mut low, mut high) = (-20.0, 60.0);
-        for _ in 0..80 {
-            let middle = 0.5 * (low + high);
-            if median(libm::exp(middle)) > sinr { low = middle } else { high = middle }
-        }
-        // Where even silence leaves less than wanted, silence it is.
-        if median(0.0) <= sinr { 0.0 } else { libm::exp(0.5 * (low + high)) }
+        paths
     }
 
     /// Adds what a band receives of it.

@@ -6,7 +6,7 @@
 //!
 //! Thousands of scatterers go onto the lattice at once: each is spread over a few cells of a delay grid twice as fine
 //! as the samples, by the kernel exp(beta (sqrt(1 - x^2) - 1)); one transform and a division by the kernel's
-//! own transform give the sum of their phasors on all lattice points to about 1e-6 (a non-uniform Fourier transform).
+//! own transform give the sum of their phasors on all lattice points to about 1e-5 (a non-uniform Fourier transform).
 
 use rustfft::num_complex::Complex64;
 use rustfft::{Fft, FftPlannerScalar};
@@ -15,7 +15,7 @@ use std::sync::Arc;
 use super::cis;
 
 /// Cells on either side of a scatterer.
-const REACH: usize = 4;
+const REACH: usize = 3;
 /// Sharpness of the kernel for cells half a sample wide.
 const BETA: f64 = 2.3 * (2 * REACH) as f64;
 /// Kernel table entries per cell.
@@ -104,16 +104,17 @@ impl Lattice {
     pub fn spread(&self, scratch: &mut Scratch, delay_s: f64, amplitude: Complex64) {
         let cells = 2 * self.length;
         let place = delay_s / self.spacing_s * 2.0;
-        let first = libm::floor(place) as i64 - (REACH as i64 - 1);
-        for n in 0..2 * REACH as i64 {
-            let cell = first + n;
-            let distance = (place - cell as f64).abs() * TABLE_STEPS as f64;
+        let first = libm::floor(place) - (REACH as f64 - 1.0);
+        let mut cell = (first as i64).rem_euclid(cells as i64) as usize;
+        for n in 0..2 * REACH {
+            let distance = (place - first - n as f64).abs() * TABLE_STEPS as f64;
             let step = distance as usize;
             let (Some(&low), Some(&high)) = (self.kernel.get(step), self.kernel.get(step + 1)) else {
                 continue;
             };
             let weight = low + (high - low) * (distance - step as f64);
-            scratch.cells[cell.rem_euclid(cells as i64) as usize] += amplitude * weight;
+            scratch.cells[cell] += amplitude * weight;
+            cell = if cell + 1 == cells { 0 } else { cell + 1 };
         }
     }
 

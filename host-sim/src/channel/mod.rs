@@ -42,8 +42,9 @@ use wall::{Slab, WallTable};
 pub const SPEED_OF_LIGHT_M_S: f64 = 299_792_458.0;
 /// Frequency at which strengths are stated, hertz.
 pub const REFERENCE_HZ: f64 = 7e9;
-/// Scatterers per pulse duration of delay: enough for their sum to be normal.
-const SCATTERERS_PER_PULSE: f64 = 4.0;
+/// Scatterers per pulse duration of delay: enough for their sum to be nearly normal (its power's mean square is 1.85
+/// times its squared mean; 2 would be normal).
+const SCATTERERS_PER_PULSE: f64 = 8.0;
 
 /// e^(j angle).
 pub(crate) fn cis(angle: f64) -> Complex64 {
@@ -81,7 +82,7 @@ struct Band {
 /// A path with what the receiver makes of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Component {
-    /// 0: the direct path; n: the anchor's image n - 1.
+    /// Index of its image source; 0: the direct path.
     pub source: usize,
     /// Delay of propagation, seconds.
     pub delay_s: f64,
@@ -177,7 +178,7 @@ impl Channel {
         }
         // Strengths stated as a SINR need the rest of the channel.
         for index in 0..scenario.interference.len() {
-            let interferer = Interferer::new(&channel, index);
+            let interferer = Interferer::new(&channel, index)?;
             channel.interferers.push(interferer);
         }
         Ok(channel)
@@ -208,7 +209,7 @@ impl Channel {
         &self.walls
     }
 
-    /// The images of an anchor, in the order that [`Component::source`] counts them from 1.
+    /// The image sources of an anchor, as [`Component::source`] counts them; the first is the anchor itself.
     pub fn images(&self, anchor: usize) -> &[ImageSource] {
         &self.images[anchor]
     }
@@ -287,14 +288,12 @@ impl Channel {
 
     /// The paths that an action receives, with their strengths.
     pub fn components(&self, cycle: usize, anchor: usize, action: usize) -> Vec<Component> {
-        let band = &self.bands[action];
         let mut spectrum = Vec::new();
         self.paths(cycle, anchor)
             .iter()
             .map(|path| {
-                let origin_s = path.delay_s();
-                self.path_spectrum(path, band, origin_s, cycle, &mut spectrum);
-                self.component(path, &spectrum, origin_s, [cycle, anchor, action])
+                self.path_spectrum(path, cycle, &self.bands[action], &mut spectrum);
+                self.component(path, &spectrum, [cycle, anchor, action])
             })
             .collect()
     }
@@ -316,25 +315,29 @@ impl Channel {
         1.0 + dense + interference.sum::<f64>()
     }
 
+    /// What the receiver makes of a path, from its spectrum.
     fn component(
         &self,
         path: &Path,
         spectrum: &[Complex64],
-        origin_s: f64,
         [cycle, anchor, action]: [usize; 3],
     ) -> Component {
-        let band = &self.bands[action];
-        let step_hz = self.lattice.step_hz();
+        // Over a few lattice points the phase hardly turns: their sums are enough to look around the peak with.
+        const TOGETHER: usize = 4;
+        let sums: Vec<Complex64> = spectrum.chunks(TOGETHER).map(|chunk| chunk.iter().sum()).collect();
+        let step_hz = TOGETHER as f64 * self.lattice.step_hz();
         let magnitude_at = |shift_s: f64| {
-            let turns = step_hz * (path.delay_s() - origin_s + shift_s);
-            let turn = cis(std::f64::consts::TAU * (turns - libm::floor(turns)));
-            spectrum.iter().rev().fold(Complex64::new(0.0, 0.0), |sum, value| sum * turn + value).norm()
+            let turn = cis(std::f64::consts::TAU * step_hz * shift_s);
+            sums.iter()
+                .rev()
+                .fold(Complex64::new(0.0, 0.0), |sum, value| sum * turn + value)
+                .norm_sqr()
+                .sqrt()
         };
-        let duration_s = band.spectrum.duration_s();
         let (magnitude, shift_s) = if path.is_mirrored_unchanged(&self.tables) {
             (magnitude_at(0.0), 0.0)
         } else {
-            peak(magnitude_at, 0.5 * duration_s)
+            peak(magnitude_at, 0.5 * self.bands[action].spectrum.duration_s())
         };
         let disturbance = self.disturbance(cycle, anchor, action, path.delay_s());
         Component {
@@ -346,31 +349,17 @@ impl Channel {
         }
     }
 
-    /// The phasors of a path over a band, times the pulse, for a first sample at `origin_s`.
-    fn path_spectrum(
-        &self,
-        path: &Path,
-        band: &Band,
-        origin_s: f64,
-        cycle: usize,
-        into: &mut Vec<Complex64>,
-    ) {
+    /// Strength and phase of a path over a band, times the pulse, as if it arrived at the first sample.
+    fn path_spectrum(&self, path: &Path, cycle: usize, band: &Band, into: &mut Vec<Complex64>) {
         let time_s = self.poses[cycle].time_s;
         let amplitude = self.snr_at_1_m().sqrt()
             * path.gain()
             * path.shadow(&self.scenario.people, time_s, band.carrier_hz);
-        let first_hz = self.lattice.frequency_hz(band.first);
-        // Phase -2 pi (f tau - (f - carrier) t_0): whole turns are left out before the sine.
-        let turns = first_hz * path.delay_s() - (first_hz - band.carrier_hz) * origin_s;
-        let step_turns = self.lattice.step_hz() * (path.delay_s() - origin_s);
-        let mut phasor = cis(-std::f64::consts::TAU * (turns - libm::floor(turns))) * amplitude;
-        let step = cis(-std::f64::consts::TAU * (step_turns - libm::floor(step_turns)));
+        // The phase at the carrier; whole turns are left out before the sine.
+        let turns = band.carrier_hz * path.delay_s();
+        let phasor = cis(-std::f64::consts::TAU * (turns - libm::floor(turns))) * amplitude;
         into.clear();
-        into.extend(band.pulse.iter().zip(&band.slope).map(|(pulse, slope)| {
-            let value = phasor * (pulse * slope);
-            phasor *= step;
-            value
-        }));
+        into.extend(band.pulse.iter().zip(&band.slope).map(|(pulse, slope)| phasor * (pulse * slope)));
         path.apply_antennas(&self.scenario, into, |n| self.lattice.frequency_hz(band.first + n as i64));
         path.apply_walls(&self.tables, into, band.table);
     }
@@ -392,12 +381,20 @@ impl Channel {
         total.resize(band.pulse.len(), Complex64::new(0.0, 0.0));
         let [earliest_s, latest_s] = self.lattice.reach_s();
         for path in self.paths(cycle, anchor) {
-            self.path_spectrum(&path, band, origin_s, cycle, spectrum);
-            if (earliest_s..latest_s).contains(&(path.delay_s() - origin_s)) {
-                total.iter_mut().zip(&*spectrum).for_each(|(total, value)| *total += value);
-            }
+            self.path_spectrum(&path, cycle, band, spectrum);
             if let Some(components) = components.as_deref_mut() {
-                components.push(self.component(&path, spectrum, origin_s, [cycle, anchor, action]));
+                components.push(self.component(&path, spectrum, [cycle, anchor, action]));
+            }
+            let after_first_s = path.delay_s() - origin_s;
+            if (earliest_s..latest_s).contains(&after_first_s) {
+                // Phase -2 pi (f - carrier) (tau - t_0).
+                let offset_hz = self.lattice.frequency_hz(band.first) - band.carrier_hz;
+                add_delayed(
+                    total,
+                    spectrum,
+                    offset_hz * after_first_s,
+                    self.lattice.step_hz() * after_first_s,
+                );
             }
         }
         let view = View {
@@ -427,6 +424,22 @@ impl Channel {
             *total += complex_normal(&mut rng) * pulse.sqrt();
         }
         self.lattice.samples(grid, band.first, band.centre, band.carrier_hz, total)
+    }
+}
+
+/// Adds a spectrum whose entry n is turned back by `first_turns` + n `step_turns` turns. Four phasors go side by side:
+/// one would make every entry wait for the one before it.
+fn add_delayed(total: &mut [Complex64], spectrum: &[Complex64], first_turns: f64, step_turns: f64) {
+    const LANES: usize = 4;
+    let back = |turns: f64| cis(-std::f64::consts::TAU * (turns - libm::floor(turns)));
+    let mut phasors: [Complex64; LANES] =
+        std::array::from_fn(|lane| back(first_turns + lane as f64 * step_turns));
+    let step = back(LANES as f64 * step_turns);
+    for (total, spectrum) in total.chunks_mut(LANES).zip(spectrum.chunks(LANES)) {
+        for ((total, value), phasor) in total.iter_mut().zip(spectrum).zip(&mut phasors) {
+            *total += value * *phasor;
+            *phasor *= step;
+        }
     }
 }
 

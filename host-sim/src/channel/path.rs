@@ -11,7 +11,7 @@ use super::wall::WallTable;
 use crate::geometry::Wall;
 use crate::geometry::image_source::ImageSource;
 use crate::geometry::trajectory::{Pose, person_at};
-use crate::geometry::visibility::{Ray, trace, trace_image};
+use crate::geometry::visibility::{Ray, trace_image};
 use crate::scenario::{Antenna, ObstructedPaths, Obstruction, Person, Scenario};
 use rustfft::num_complex::Complex64;
 
@@ -41,16 +41,15 @@ pub(super) struct PathContext<'a> {
     pub(super) share: f64,
 }
 
-/// All paths, the direct one first where it exists, then by image.
+/// All paths, the direct one first where it exists, then by image source.
 pub(super) fn paths(context: &PathContext<'_>) -> Vec<Path> {
     let PathContext { scenario, walls, images, anchor, pose, .. } = context;
     let from_m = scenario.anchors[*anchor].position_m;
     let transmissions = scenario.propagation.transmissions;
-    let direct = trace(walls, from_m, &[], pose.position_m, transmissions).map(|ray| (0, ray));
-    let mirrored = images.iter().enumerate().filter_map(|(index, image)| {
-        Some((index + 1, trace_image(walls, from_m, image, pose.position_m, transmissions)?))
+    let seen = images.iter().enumerate().filter_map(|(source, image)| {
+        Some((source, trace_image(walls, from_m, image, pose.position_m, transmissions)?))
     });
-    direct.into_iter().chain(mirrored).map(|(source, ray)| Path::new(context, source, ray)).collect()
+    seen.map(|(source, ray)| Path::new(context, source, ray)).collect()
 }
 
 impl Path {
@@ -91,7 +90,7 @@ impl Path {
         }
     }
 
-    /// 0: the direct path; n: the anchor's image n - 1.
+    /// Index of its image source; 0: the direct path.
     pub fn source(&self) -> usize {
         self.source
     }

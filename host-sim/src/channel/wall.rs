@@ -59,46 +59,57 @@ impl Slab {
 
     /// Response at `frequency_hz` to a wave whose direction makes `cos_incidence` with the wall's normal.
     pub fn response(&self, frequency_hz: f64, cos_incidence: f64, polarisation: Polarisation) -> Response {
-        let layers = match self {
-            Self::Layered(layers) => layers,
-            Self::Flat { reflection, transmission } => {
-                return Response {
-                    reflection: Complex64::new(*reflection, 0.0),
-                    transmission: Complex64::new(*transmission, 0.0),
-                };
+        match self {
+            Self::Layered(layers) => {
+                let layers = layers
+                    .iter()
+                    .map(|(material, thickness_m)| (permittivity(material, frequency_hz), *thickness_m));
+                layered(layers.rev(), frequency_hz, cos_incidence, polarisation)
             }
-        };
-        // Exactly grazing, every formula is 0 / 0; its limit is total reflection.
-        let cosine = cos_incidence.clamp(1e-9, 1.0);
-        let sine_squared = 1.0 - cosine * cosine;
-        let wave_number = std::f64::consts::TAU * frequency_hz / SPEED_OF_LIGHT_M_S;
-        let one = Complex64::new(1.0, 0.0);
-        // In air: normal component and admittance.
-        let mut behind = Complex64::new(cosine, 0.0);
-        let mut reflection = Complex64::new(0.0, 0.0);
-        let mut transmission = one;
-        let mut thickness_m = 0.0;
-        for layer in layers.iter().rev() {
-            let epsilon = permittivity(&layer.0, frequency_hz);
-            let normal = square_root(epsilon - sine_squared);
-            let admittance = match polarisation {
-                Polarisation::Vertical => normal,
-                Polarisation::Horizontal => normal / epsilon,
-            };
-            // Interface from this layer to what lies behind it, then the way through this layer.
-            (reflection, transmission) = interface(admittance, behind, reflection, transmission);
-            let phase = normal * (-wave_number * layer.1);
-            let through = cis(phase.re) * libm::exp(-phase.im);
-            reflection *= through * through;
-            transmission *= through;
-            behind = admittance;
-            thickness_m += layer.1;
+            Self::Flat { reflection, transmission } => Response {
+                reflection: Complex64::new(*reflection, 0.0),
+                transmission: Complex64::new(*transmission, 0.0),
+            },
         }
-        (reflection, transmission) = interface(Complex64::new(cosine, 0.0), behind, reflection, transmission);
-        // The plan's wall has no thickness: the way through it counts as air already.
-        transmission *= cis(wave_number * thickness_m * cosine);
-        Response { reflection, transmission }
     }
+}
+
+/// Response of layers in air, from the far side to the near one, each with its permittivity and thickness in metres.
+fn layered(
+    layers: impl Iterator<Item = (Complex64, f64)>,
+    frequency_hz: f64,
+    cos_incidence: f64,
+    polarisation: Polarisation,
+) -> Response {
+    // Exactly grazing, every formula is 0 / 0; its limit is total reflection.
+    let cosine = cos_incidence.clamp(1e-9, 1.0);
+    let sine_squared = 1.0 - cosine * cosine;
+    let wave_number = std::f64::consts::TAU * frequency_hz / SPEED_OF_LIGHT_M_S;
+    let one = Complex64::new(1.0, 0.0);
+    // In air: normal component and admittance.
+    let mut behind = Complex64::new(cosine, 0.0);
+    let mut reflection = Complex64::new(0.0, 0.0);
+    let mut transmission = one;
+    let mut thickness_m = 0.0;
+    for (epsilon, layer_m) in layers {
+        let normal = square_root(epsilon - sine_squared);
+        let admittance = match polarisation {
+            Polarisation::Vertical => normal,
+            Polarisation::Horizontal => normal / epsilon,
+        };
+        // Interface from this layer to what lies behind it, then the way through this layer.
+        (reflection, transmission) = interface(admittance, behind, reflection, transmission);
+        let phase = normal * (-wave_number * layer_m);
+        let through = cis(phase.re) * libm::exp(-phase.im);
+        reflection *= through * through;
+        transmission *= through;
+        behind = admittance;
+        thickness_m += layer_m;
+    }
+    (reflection, transmission) = interface(Complex64::new(cosine, 0.0), behind, reflection, transmission);
+    // The plan's wall has no thickness: the way through it counts as air already.
+    transmission *= cis(wave_number * thickness_m * cosine);
+    Response { reflection, transmission }
 }
 
 /// Reflection and transmission seen from before an interface, from those seen behind it.
@@ -136,21 +147,37 @@ fn amplitude(decibel: f64) -> f64 {
 /// a twentieth of a radian at 9 GHz, so that straight lines err by less than 1e-3.
 const ANGLES: usize = 1024;
 
-/// One wall's response on a lattice of frequencies, filled as angles are asked for. What a cell holds does not depend
-/// on who asked first.
+/// Frequencies that are worked out together.
+const CHUNK: usize = 64;
+
+/// One wall's response on a lattice of frequencies, filled as angles and frequencies are asked for. What a cell holds
+/// does not depend on who asked first.
 #[derive(Debug)]
 pub struct WallTable {
     slab: Slab,
     polarisation: Polarisation,
     frequencies_hz: Vec<f64>,
-    rows: Vec<OnceLock<Vec<Response>>>,
+    /// Per frequency, from the far layer to the near one.
+    permittivities: Vec<Vec<(Complex64, f64)>>,
+    /// Per angle, and in it per chunk of frequencies.
+    cells: Vec<OnceLock<Vec<Response>>>,
 }
 
 impl WallTable {
     /// A table of `slab` at these frequencies.
     pub fn new(slab: Slab, polarisation: Polarisation, frequencies_hz: Vec<f64>) -> Self {
-        let rows = (0..=ANGLES).map(|_| OnceLock::new()).collect();
-        Self { slab, polarisation, frequencies_hz, rows }
+        let layers = |&frequency_hz: &f64| match &slab {
+            Slab::Layered(layers) => layers
+                .iter()
+                .rev()
+                .map(|(material, thickness_m)| (permittivity(material, frequency_hz), *thickness_m))
+                .collect(),
+            Slab::Flat { .. } => Vec::new(),
+        };
+        let permittivities = frequencies_hz.iter().map(layers).collect();
+        let cells = (ANGLES + 1) * frequencies_hz.len().div_ceil(CHUNK);
+        let cells = (0..cells).map(|_| OnceLock::new()).collect();
+        Self { slab, polarisation, frequencies_hz, permittivities, cells }
     }
 
     /// Whether the wall leaves the pulse's shape alone.
@@ -158,11 +185,17 @@ impl WallTable {
         matches!(self.slab, Slab::Flat { .. })
     }
 
-    fn row(&self, index: usize) -> &[Response] {
-        self.rows[index].get_or_init(|| {
-            let cosine = index as f64 / ANGLES as f64;
-            let at = |&frequency: &f64| self.slab.response(frequency, cosine, self.polarisation);
-            self.frequencies_hz.iter().map(at).collect()
+    /// The responses of a chunk of frequencies at an angle.
+    fn cell(&self, angle: usize, chunk: usize) -> &[Response] {
+        self.cells[angle * self.frequencies_hz.len().div_ceil(CHUNK) + chunk].get_or_init(|| {
+            let cosine = angle as f64 / ANGLES as f64;
+            let from = chunk * CHUNK;
+            let frequencies = self.frequencies_hz.iter().zip(&self.permittivities).skip(from).take(CHUNK);
+            frequencies
+                .map(|(&frequency_hz, layers)| {
+                    layered(layers.iter().copied(), frequency_hz, cosine, self.polarisation)
+                })
+                .collect()
         })
     }
 
@@ -183,10 +216,17 @@ impl WallTable {
         let position = cos_incidence.clamp(0.0, 1.0) * ANGLES as f64;
         let low = (position as usize).min(ANGLES - 1);
         let weight = position - low as f64;
-        let (below, above) = (&self.row(low)[first..], &self.row(low + 1)[first..]);
-        for ((value, below), above) in spectrum.iter_mut().zip(below).zip(above) {
-            let (below, above) = (part(below), part(above));
-            *value *= below + (above - below) * weight;
+        let mut done = 0;
+        while done < spectrum.len() {
+            let (chunk, within) = ((first + done) / CHUNK, (first + done) % CHUNK);
+            let count = (CHUNK - within).min(spectrum.len() - done);
+            let (below, above) = (self.cell(low, chunk), self.cell(low + 1, chunk));
+            let pairs = below[within..within + count].iter().zip(&above[within..]);
+            for (value, (below, above)) in spectrum[done..done + count].iter_mut().zip(pairs) {
+                let (below, above) = (part(below), part(above));
+                *value *= below + (above - below) * weight;
+            }
+            done += count;
         }
     }
 }

@@ -661,8 +661,8 @@ pub enum Strength {
     /// Its energy Omega_1 as a power gain; 1.1615e-8 is 30 dB below a direct path of 1 m at 7 GHz.
     #[serde(rename = "omega_1")]
     Omega1(#[schemars(range(min = 0.0, max = 1e3))] f64),
-    /// The median SINR, decibels, that it leaves to the visible paths of the anchors it reaches, at its own carrier,
-    /// on its part of the way.
+    /// The median SINR, decibels, that it leaves to the paths of the anchors it reaches, at the library's entry nearest
+    /// to its carrier, on its part of the way; paths that are below 4.8 dB without it do not count.
     MedianSinrDb(#[schemars(range(min = -40.0, max = 80.0))] f64),
 }
 
