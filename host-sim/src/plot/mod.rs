@@ -5,6 +5,8 @@
 //! [`Picture`].
 
 mod axis;
+mod floor;
+mod labels;
 mod lines;
 mod svg;
 mod track;
