@@ -6,6 +6,7 @@
 
 mod axis;
 mod floor;
+mod heat_map;
 mod labels;
 mod lines;
 mod svg;
@@ -19,6 +20,7 @@ use std::sync::{Arc, OnceLock};
 use resvg::tiny_skia::{Color, Pixmap, Transform};
 use resvg::usvg;
 
+pub use heat_map::{HeatMap, HeatRows};
 pub use lines::{LineFigure, Series, Span};
 use svg::{Area, Svg};
 pub use track::{MappedAnchor, TrackFigure};
@@ -37,6 +39,8 @@ pub enum Panel {
     Track(TrackFigure),
     /// Lines over a common axis.
     Lines(LineFigure),
+    /// A map of values as colours.
+    HeatMap(HeatMap),
 }
 
 impl From<TrackFigure> for Panel {
@@ -51,12 +55,19 @@ impl From<LineFigure> for Panel {
     }
 }
 
+impl From<HeatMap> for Panel {
+    fn from(figure: HeatMap) -> Self {
+        Self::HeatMap(figure)
+    }
+}
+
 impl Panel {
     /// The height that the panel needs at a given width.
     fn height(&self, width: f64) -> f64 {
         match self {
             Self::Track(figure) => figure.height(width),
             Self::Lines(figure) => figure.height(width),
+            Self::HeatMap(figure) => figure.height(width),
         }
     }
 
@@ -64,6 +75,7 @@ impl Panel {
         match self {
             Self::Track(figure) => figure.draw(svg, area),
             Self::Lines(figure) => figure.draw(svg, area),
+            Self::HeatMap(figure) => figure.draw(svg, area),
         }
     }
 }
