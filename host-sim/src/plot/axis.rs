@@ -177,6 +177,8 @@ pub(super) struct Frame {
 
 /// Room below a frame for ticks and the label.
 pub(super) const BELOW: f64 = 42.0;
+/// Room above a frame for the ticks and the label of an axis on top.
+pub(super) const ABOVE: f64 = 40.0;
 /// The usual room left of a frame; common to all figures, so that the frames of stacked panels align.
 pub(super) const LEFT_ROOM: f64 = 70.0;
 
@@ -226,6 +228,20 @@ impl Frame {
         let left = area.left - Self::left_room(y_ticks) + TEXT_SIZE;
         let y_label = shortened(y_label, TEXT_SIZE, area.height + BELOW);
         svg.text(&y_label, [left, area.top + 0.5 * area.height], TextStyle { upright: true, ..middle });
+    }
+
+    /// A second horizontal axis on top, on which values are larger by a factor.
+    pub(super) fn draw_top_axis(&self, svg: &mut Svg, factor: f64, label: &str) {
+        let area = self.area;
+        let axis = Axis { low: factor * self.x.low, high: factor * self.x.high, log: false };
+        for tick in axis.level_ticks(area.width) {
+            let x = area.left + axis.fraction(tick.value) * area.width;
+            svg.line([x, area.top - 4.0], [x, area.top], Stroke::new("#999999", 1.0));
+            let style = TextStyle { align: Align::Middle, colour: SOFT_INK, ..TextStyle::default() };
+            svg.text(&tick.label, [x, area.top - 8.0], style);
+        }
+        let style = TextStyle { align: Align::Middle, ..TextStyle::default() };
+        svg.text(label, [area.left + 0.5 * area.width, area.top - TEXT_SIZE - 13.0], style);
     }
 
     /// The border, and marks outside of it where the ticks are: for frames whose inside hides the grid.

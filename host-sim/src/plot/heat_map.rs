@@ -33,6 +33,7 @@ const MAX_CELLS: [usize; 2] = [1600, 1200];
 const BAR_GAP: f64 = 14.0;
 const BAR_WIDTH: f64 = 15.0;
 const LINE_WIDTH: f64 = 2.0;
+const SPAN_LINE: f64 = TEXT_SIZE + 8.0;
 
 /// What the rows of a heat map stand for.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,18 +115,33 @@ impl HeatMap {
         legend
     }
 
-    pub(super) fn height(&self, width: f64) -> f64 {
-        let plot = match self.rows {
+    /// The height of the frame in a panel of a width.
+    fn plot_height(&self, width: f64) -> f64 {
+        match self.rows {
             HeatRows::Axis(_) => (0.36 * width).max(230.0),
-            HeatRows::Named(_) => (19.0 * self.row_count() as f64).clamp(110.0, 700.0),
-        };
-        title_height(&self.title, width) + legend_height(&self.legend(), width) + 8.0 + plot + BELOW
+            HeatRows::Named(_) => (19.0 * self.row_count() as f64).clamp(80.0, 700.0),
+        }
+    }
+
+    /// The height of the title, the legend and the names of the spans.
+    fn head_height(&self, width: f64) -> f64 {
+        let spans = if self.spans.iter().any(|span| !span.label.is_empty()) { SPAN_LINE } else { 8.0 };
+        title_height(&self.title, width) + legend_height(&self.legend(), width) + spans
+    }
+
+    pub(super) fn height(&self, width: f64) -> f64 {
+        self.head_height(width) + self.plot_height(width) + BELOW
     }
 
     pub(super) fn draw(&self, svg: &mut Svg, area: Area) {
-        let mut top = area.top + svg.title(&self.title, area.left, area.top, area.width);
-        top += svg.legend(&self.legend(), area.left, top, area.width) + 8.0;
-        let height = area.bottom() - BELOW - top;
+        let below_title = area.top + svg.title(&self.title, area.left, area.top, area.width);
+        svg.legend(&self.legend(), area.left, below_title, area.width);
+        let top = area.top + self.head_height(area.width);
+        let height = match self.rows {
+            HeatRows::Axis(_) => area.bottom() - BELOW - top,
+            // Few rows do not become thick beside a taller panel.
+            HeatRows::Named(_) => self.plot_height(area.width),
+        };
         let scale = match self.value_range {
             Some(ends) => Axis::around(ends.into_iter(), self.log),
             None => Axis::around(self.values.iter().flatten().copied(), self.log),
@@ -133,13 +149,13 @@ impl HeatMap {
         let (y, y_ticks) = self.y_axis(height, 0.3 * area.width);
         let left = area.left + Frame::left_room(&y_ticks);
         let bar_ticks = scale.ticks((height / 45.0).max(3.0) as usize);
-        let bar_room = BAR_GAP + BAR_WIDTH + label_width(&bar_ticks) + TEXT_SIZE + 18.0;
+        let bar_room = BAR_GAP + BAR_WIDTH + bar_label_width(&bar_ticks) + TEXT_SIZE + 18.0;
         let area = Area { left, top, width: area.right() - bar_room - left, height };
         let frame = Frame { area, x: Axis::around(self.x.into_iter(), false), y };
+        frame.draw_with(svg, &self.x_label, &self.y_label, &y_ticks);
         if matches!(self.rows, HeatRows::Axis(_)) && !self.values.is_empty() {
             svg.rect(area, MISSING, None);
         }
-        frame.draw_with(svg, &self.x_label, &self.y_label, &y_ticks);
         self.draw_cells(svg, area, &scale);
         frame.draw_marks(svg, &y_ticks);
         self.draw_over(svg, &frame);
@@ -230,7 +246,9 @@ impl HeatMap {
             draw_line(svg, frame, &series.points, Stroke { width, ..stroke(look, false) });
         }
         svg.end_clip();
-        label_spans(svg, &self.spans, frame);
+        // Their names stand above, off the colours.
+        let above = Area { top: area.top - SPAN_LINE, height: SPAN_LINE, ..area };
+        label_spans(svg, &self.spans, &Frame { area: above, ..*frame });
     }
 
     fn draw_bar(&self, svg: &mut Svg, bar: Area, scale: Axis, ticks: &[Tick]) {
@@ -262,17 +280,23 @@ impl HeatMap {
             let style = TextStyle { colour: SOFT_INK, ..TextStyle::default() };
             svg.text(&tick.label, [bar.right() + 7.0, y + 0.36 * TEXT_SIZE], style);
         }
-        let x = bar.right() + label_width(ticks) + 11.0 + TEXT_SIZE;
+        let x = bar.right() + bar_label_width(ticks) + 11.0 + TEXT_SIZE;
         let label = shortened(&self.value_label, TEXT_SIZE, bar.height + BELOW);
         let style = TextStyle { align: Align::Middle, upright: true, ..TextStyle::default() };
         svg.text(&label, [x, bar.top + 0.5 * bar.height], style);
     }
 }
 
+/// The room for the labels of the colour bar; mostly the same, so that the frames of stacked panels align.
+fn bar_label_width(ticks: &[Tick]) -> f64 {
+    label_width(ticks).max(34.0)
+}
+
 /// The colour of a fraction of the scale; below the low end and above the high end, that of the end.
 fn ramp(fraction: f64) -> [u8; 3] {
     // The logarithm of a value below zero is not a number: it lies below.
-    let place = fraction.max(0.0).min(1.0) * (RAMP.len() - 1) as f64;
+    let fraction = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
+    let place = fraction * (RAMP.len() - 1) as f64;
     let index = (place as usize).min(RAMP.len() - 2);
     let part = place - index as f64;
     std::array::from_fn(|channel| {
