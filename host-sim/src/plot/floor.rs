@@ -1,4 +1,5 @@
-//! What figures over the floor plan share: the window with equal scales, tracks, and arrows to what lies outside.
+//! What figures over the floor plan share: the window with equal scales, tracks, and arrows to what lies
+//! outside.
 
 use super::axis::{Axis, BELOW, Frame, LEFT_ROOM};
 use super::svg::{Area, INK, Key, Marker, Stroke, Svg, legend_height, title_height};

@@ -62,7 +62,8 @@ impl Labels {
 
 /// Whether a line runs through an area.
 fn crosses([from, to]: &[[f64; 2]; 2], area: &Area) -> bool {
-    // The part of the line, between 0 and 1, that is inside along both axes. A line that is not finite has none.
+    // The part of the line, between 0 and 1, that is inside along both axes. A line that is not finite has
+    // none.
     let (mut first, mut last) = (0.0_f64, 1.0_f64);
     for (axis, low, high) in [(0, area.left, area.right()), (1, area.top, area.bottom())] {
         let step = to[axis] - from[axis];

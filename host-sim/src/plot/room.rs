@@ -1,4 +1,5 @@
-//! A room as a floor plan: walls by construction, anchors and their virtual anchors, trajectories, people and rays.
+//! A room as a floor plan: walls by construction, anchors and their virtual anchors, trajectories, people and
+//! rays.
 
 use std::io;
 use std::path::{Path, PathBuf};
