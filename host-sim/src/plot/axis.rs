@@ -1,6 +1,8 @@
 //! Axes: round tick values, their labels, and the mapping of values to the picture.
 
-use super::svg::{Align, Area, GRID, INK, SOFT_INK, Stroke, Svg, TEXT_SIZE, TextStyle, text_width};
+use super::svg::{
+    Align, Area, GRID, INK, SOFT_INK, Stroke, Svg, TEXT_SIZE, TextStyle, shortened, text_width,
+};
 
 /// One axis: an interval of values, linear or logarithmic.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +74,16 @@ impl Axis {
     /// Round values inside the axis, about `count` of them labelled.
     pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
         if self.log { self.log_ticks(count) } else { self.linear_ticks(count) }
+    }
+
+    /// Ticks for a horizontal axis of a width.
+    pub(super) fn level_ticks(&self, width: f64) -> Vec<Tick> {
+        self.ticks((width / 75.0).max(2.0) as usize)
+    }
+
+    /// Ticks for a vertical axis of a height.
+    pub(super) fn upright_ticks(&self, height: f64) -> Vec<Tick> {
+        self.ticks((height / 45.0).max(2.0) as usize)
     }
 
     fn linear_ticks(&self, count: usize) -> Vec<Tick> {
@@ -165,6 +177,8 @@ pub(super) struct Frame {
 
 /// Room below a frame for ticks and the label.
 pub(super) const BELOW: f64 = 42.0;
+/// Room above a frame for the ticks and the label of an axis on top.
+pub(super) const ABOVE: f64 = 40.0;
 /// The usual room left of a frame; common to all figures, so that the frames of stacked panels align.
 pub(super) const LEFT_ROOM: f64 = 70.0;
 
@@ -177,31 +191,31 @@ impl Frame {
         ]
     }
 
-    /// The room that tick labels and the axis label take to the left of a frame of a height.
-    pub(super) fn left_room(y: &Axis, height: f64) -> f64 {
-        let widest = y
-            .ticks(y_tick_count(height))
-            .iter()
-            .map(|tick| text_width(&tick.label, TEXT_SIZE))
-            .fold(0.0, f64::max);
-        (widest + TEXT_SIZE + 18.0).max(LEFT_ROOM)
+    /// The room that tick labels and the axis label take to the left of a frame.
+    pub(super) fn left_room(y_ticks: &[Tick]) -> f64 {
+        (label_width(y_ticks) + TEXT_SIZE + 18.0).max(LEFT_ROOM)
     }
 
     /// Grid, border, ticks and labels.
     pub(super) fn draw(&self, svg: &mut Svg, x_label: &str, y_label: &str) {
+        self.draw_with(svg, x_label, y_label, &self.y.upright_ticks(self.area.height));
+    }
+
+    /// Grid, border, ticks and labels, with ticks of one's own on the vertical axis.
+    pub(super) fn draw_with(&self, svg: &mut Svg, x_label: &str, y_label: &str, y_ticks: &[Tick]) {
         let area = self.area;
         let soft = |label: &str| Stroke {
             opacity: if label.is_empty() { 0.5 } else { 1.0 },
             ..Stroke::new(GRID, 1.0)
         };
         let label_style = TextStyle { colour: SOFT_INK, ..TextStyle::default() };
-        for tick in self.x.ticks((area.width / 75.0).max(2.0) as usize) {
+        for tick in self.x.level_ticks(area.width) {
             let x = self.place([tick.value, self.y.low])[0];
             svg.line([x, area.top], [x, area.bottom()], soft(&tick.label));
             let style = TextStyle { align: Align::Middle, ..label_style };
             svg.text(&tick.label, [x, area.bottom() + TEXT_SIZE + 4.0], style);
         }
-        for tick in self.y.ticks(y_tick_count(area.height)) {
+        for tick in y_ticks {
             let y = self.place([self.x.low, tick.value])[1];
             svg.line([area.left, y], [area.right(), y], soft(&tick.label));
             let style = TextStyle { align: Align::End, ..label_style };
@@ -209,14 +223,45 @@ impl Frame {
         }
         svg.rect(area, "none", Some(Stroke::new("#999999", 1.0)));
         let middle = TextStyle { align: Align::Middle, colour: INK, ..TextStyle::default() };
-        svg.text(x_label, [area.left + 0.5 * area.width, area.bottom() + BELOW - 6.0], middle);
-        let left = area.left - Self::left_room(&self.y, area.height) + TEXT_SIZE;
-        svg.text(y_label, [left, area.top + 0.5 * area.height], TextStyle { upright: true, ..middle });
+        let x_label = shortened(x_label, TEXT_SIZE, area.width + LEFT_ROOM);
+        svg.text(&x_label, [area.left + 0.5 * area.width, area.bottom() + BELOW - 6.0], middle);
+        let left = area.left - Self::left_room(y_ticks) + TEXT_SIZE;
+        let y_label = shortened(y_label, TEXT_SIZE, area.height + BELOW);
+        svg.text(&y_label, [left, area.top + 0.5 * area.height], TextStyle { upright: true, ..middle });
+    }
+
+    /// A second horizontal axis on top, on which values are larger by a factor.
+    pub(super) fn draw_top_axis(&self, svg: &mut Svg, factor: f64, label: &str) {
+        let area = self.area;
+        let axis = Axis { low: factor * self.x.low, high: factor * self.x.high, log: false };
+        for tick in axis.level_ticks(area.width) {
+            let x = area.left + axis.fraction(tick.value) * area.width;
+            svg.line([x, area.top - 4.0], [x, area.top], Stroke::new("#999999", 1.0));
+            let style = TextStyle { align: Align::Middle, colour: SOFT_INK, ..TextStyle::default() };
+            svg.text(&tick.label, [x, area.top - 8.0], style);
+        }
+        let style = TextStyle { align: Align::Middle, ..TextStyle::default() };
+        svg.text(label, [area.left + 0.5 * area.width, area.top - TEXT_SIZE - 13.0], style);
+    }
+
+    /// The border, and marks outside of it where the ticks are: for frames whose inside hides the grid.
+    pub(super) fn draw_marks(&self, svg: &mut Svg, y_ticks: &[Tick]) {
+        let (area, edge) = (self.area, Stroke::new("#999999", 1.0));
+        for tick in self.x.level_ticks(area.width) {
+            let x = self.place([tick.value, self.y.low])[0];
+            svg.line([x, area.bottom()], [x, area.bottom() + 4.0], edge);
+        }
+        for tick in y_ticks {
+            let y = self.place([self.x.low, tick.value])[1];
+            svg.line([area.left - 4.0, y], [area.left, y], edge);
+        }
+        svg.rect(area, "none", Some(edge));
     }
 }
 
-fn y_tick_count(height: f64) -> usize {
-    (height / 45.0).max(2.0) as usize
+/// The width of the widest label.
+pub(super) fn label_width(ticks: &[Tick]) -> f64 {
+    ticks.iter().map(|tick| text_width(&tick.label, TEXT_SIZE)).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

@@ -59,120 +59,124 @@ impl LineFigure {
         Picture::of(self.clone()).write(path_without_extension)
     }
 
-    /// For each line the number of its name among all names, which decides its look.
-    fn looks(&self) -> (Vec<usize>, Vec<(Key, String)>) {
-        let mut names: Vec<&str> = Vec::new();
-        let looks = self
-            .series
-            .iter()
-            .map(|series| {
-                names.iter().position(|name| *name == series.label).unwrap_or_else(|| {
-                    names.push(&series.label);
-                    names.len() - 1
-                })
-            })
-            .collect();
-        let legend = names
-            .iter()
-            .enumerate()
-            .filter(|(_, name)| !name.is_empty())
-            .map(|(look, name)| (Key::Line(stroke(look, false)), (*name).to_owned()))
-            .collect();
-        (looks, legend)
-    }
-
     pub(super) fn height(&self, width: f64) -> f64 {
-        let (_, legend) = self.looks();
+        let (_, legend) = looks(&self.series);
         title_height(&self.title, width) + legend_height(&legend, width) + (0.36 * width).max(230.0) + BELOW
     }
 
     pub(super) fn draw(&self, svg: &mut Svg, area: Area) {
-        let (looks, legend) = self.looks();
+        let (looks, legend) = looks(&self.series);
         let mut top = area.top + svg.title(&self.title, area.left, area.top, area.width);
         top += svg.legend(&legend, area.left, top, area.width) + 2.0;
         let height = area.bottom() - BELOW - top;
         let points = || self.series.iter().flat_map(|series| &series.points);
-        let drawable =
-            |point: &&[f64; 2]| point.iter().all(|v| v.is_finite()) && (!self.log_y || point[1] > 0.0);
+        let drawable = |point: &&[f64; 2]| is_drawable(point, self.log_y);
         let ends = self.spans.iter().flat_map(|span| [span.from, span.to]);
         let x = match points().next() {
             Some(_) => Axis::around(points().filter(drawable).map(|point| point[0]), false),
             None => Axis::around(ends, false),
         };
         let y = Axis::around(points().filter(drawable).map(|point| point[1]), self.log_y).with_room();
-        let left = area.left + Frame::left_room(&y, height);
+        let left = area.left + Frame::left_room(&y.upright_ticks(height));
         // The last tick's label reaches over the frame's end.
         let frame = Frame { area: Area { left, top, width: area.right() - left - 16.0, height }, x, y };
-        self.draw_spans(svg, &frame);
+        draw_spans(svg, &self.spans, &frame);
         frame.draw(svg, &self.x_label, &self.y_label);
         svg.begin_clip(frame.area);
         for faint in [true, false] {
             for (series, &look) in self.series.iter().zip(&looks).filter(|(series, _)| series.faint == faint)
             {
-                for run in series.points.split(|point| !drawable(&point)) {
-                    let places: Vec<_> = run.iter().map(|&point| frame.place(point)).collect();
-                    svg.polyline(&thinned(&places), stroke(look, faint));
-                }
+                draw_line(svg, &frame, &series.points, stroke(look, faint));
             }
         }
         svg.end_clip();
-        self.label_spans(svg, &frame);
-    }
-
-    fn visible_spans(&self, frame: &Frame) -> Vec<(Area, &str)> {
-        self.spans
-            .iter()
-            .filter_map(|span| {
-                let (from, to) =
-                    (span.from.min(span.to).max(frame.x.low), span.from.max(span.to).min(frame.x.high));
-                if from.is_nan() || to.is_nan() || to < from {
-                    return None;
-                }
-                let (left, right) = (frame.place([from, frame.y.low])[0], frame.place([to, frame.y.low])[0]);
-                Some((Area { left, width: (right - left).max(1.0), ..frame.area }, span.label.as_str()))
-            })
-            .collect()
-    }
-
-    fn draw_spans(&self, svg: &mut Svg, frame: &Frame) {
-        for (area, _) in self.visible_spans(frame) {
-            svg.rect(area, "#fbf0d9", None);
-        }
-    }
-
-    fn label_spans(&self, svg: &mut Svg, frame: &Frame) {
-        let mut taken: Vec<Area> = Vec::new();
-        for (area, label) in self.visible_spans(frame) {
-            let width = text_width(label, TEXT_SIZE);
-            let middle = (area.left + 0.5 * area.width)
-                .min(frame.area.right() - 0.5 * width - 4.0)
-                .max(frame.area.left + 0.5 * width + 4.0);
-            let mut place = Area {
-                left: middle - 0.5 * width,
-                top: frame.area.top + 4.0,
-                width,
-                height: TEXT_SIZE + 3.0,
-            };
-            // Neighbours with long labels step down.
-            while taken.iter().any(|other| other.overlaps(&place)) && place.bottom() < frame.area.bottom() {
-                place.top += place.height;
-            }
-            taken.push(place);
-            let style =
-                TextStyle { align: Align::Middle, colour: SOFT_INK, halo: true, ..TextStyle::default() };
-            svg.text(label, [middle, place.top + TEXT_SIZE - 1.0], style);
-        }
+        label_spans(svg, &self.spans, &frame);
     }
 }
 
-fn stroke(look: usize, faint: bool) -> Stroke {
+/// For each line the number of its name among all names, which decides its look.
+pub(super) fn looks(series: &[Series]) -> (Vec<usize>, Vec<(Key, String)>) {
+    let mut names: Vec<&str> = Vec::new();
+    let looks = series
+        .iter()
+        .map(|series| {
+            names.iter().position(|name| *name == series.label).unwrap_or_else(|| {
+                names.push(&series.label);
+                names.len() - 1
+            })
+        })
+        .collect();
+    let legend = names
+        .iter()
+        .enumerate()
+        .filter(|(_, name)| !name.is_empty())
+        .map(|(look, name)| (Key::Line(stroke(look, false)), (*name).to_owned()))
+        .collect();
+    (looks, legend)
+}
+
+/// Where the spans lie in a frame.
+pub(super) fn visible_spans<'a>(spans: &'a [Span], frame: &Frame) -> Vec<(Area, &'a str)> {
+    spans
+        .iter()
+        .filter_map(|span| {
+            let (from, to) =
+                (span.from.min(span.to).max(frame.x.low), span.from.max(span.to).min(frame.x.high));
+            if from.is_nan() || to.is_nan() || to < from {
+                return None;
+            }
+            let (left, right) = (frame.place([from, frame.y.low])[0], frame.place([to, frame.y.low])[0]);
+            Some((Area { left, width: (right - left).max(1.0), ..frame.area }, span.label.as_str()))
+        })
+        .collect()
+}
+
+fn draw_spans(svg: &mut Svg, spans: &[Span], frame: &Frame) {
+    for (area, _) in visible_spans(spans, frame) {
+        svg.rect(area, "#fbf0d9", None);
+    }
+}
+
+/// Writes the spans' names at the top of a frame.
+pub(super) fn label_spans(svg: &mut Svg, spans: &[Span], frame: &Frame) {
+    let mut taken: Vec<Area> = Vec::new();
+    for (area, label) in visible_spans(spans, frame) {
+        let width = text_width(label, TEXT_SIZE);
+        let middle = (area.left + 0.5 * area.width)
+            .min(frame.area.right() - 0.5 * width - 4.0)
+            .max(frame.area.left + 0.5 * width + 4.0);
+        let mut place =
+            Area { left: middle - 0.5 * width, top: frame.area.top + 4.0, width, height: TEXT_SIZE + 3.0 };
+        // Neighbours with long labels step down.
+        while taken.iter().any(|other| other.overlaps(&place)) && place.bottom() < frame.area.bottom() {
+            place.top += place.height;
+        }
+        taken.push(place);
+        let style = TextStyle { align: Align::Middle, colour: SOFT_INK, halo: true, ..TextStyle::default() };
+        svg.text(label, [middle, place.top + TEXT_SIZE - 1.0], style);
+    }
+}
+
+fn is_drawable(point: &[f64; 2], log_y: bool) -> bool {
+    point.iter().all(|value| value.is_finite()) && (!log_y || point[1] > 0.0)
+}
+
+/// A line that points which cannot be drawn interrupt.
+pub(super) fn draw_line(svg: &mut Svg, frame: &Frame, points: &[[f64; 2]], stroke: Stroke) {
+    for run in points.split(|point| !is_drawable(point, frame.y.log)) {
+        let places: Vec<_> = run.iter().map(|&point| frame.place(point)).collect();
+        svg.polyline(&thinned(&places), stroke);
+    }
+}
+
+pub(super) fn stroke(look: usize, faint: bool) -> Stroke {
     let (width, opacity) = if faint { (0.9, 0.3) } else { (1.8, 1.0) };
     Stroke { dashes: if faint { "" } else { dashes(look) }, opacity, ..Stroke::new(colour(look), width) }
 }
 
 /// Drops points that no eye can tell: of the neighbours within half a pixel to the side, the first, lowest, highest
 /// and last stay.
-pub(super) fn thinned(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
+fn thinned(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut kept = Vec::new();
     for column in places.chunk_by(|a, b| (2.0 * a[0]).floor() == (2.0 * b[0]).floor()) {
         if column.len() <= 4 {
@@ -211,7 +215,7 @@ mod tests {
             series: vec![series("a", true), series("b", false), series("a", false), series("", false)],
             ..LineFigure::default()
         };
-        let (looks, legend) = figure.looks();
+        let (looks, legend) = looks(&figure.series);
         assert_eq!(looks, [0, 1, 0, 2]);
         assert_eq!(legend.len(), 2);
     }

@@ -1,11 +1,17 @@
-//! Figures for people: the track over the floor plan, and lines over time or probability, as SVG and PNG.
+//! Figures for people, as SVG and PNG: tracks and rooms as floor plans, lines over time or probability, channel
+//! responses, and maps of values.
 //!
 //! The SVG is written here, so that a figure is the same on every machine; the PNG is rendered from it with a font
 //! that the command carries, so that no font need be installed. Panels can be put side by side and stacked in a
 //! [`Picture`].
 
 mod axis;
+mod channel;
+mod floor;
+mod heat_map;
+mod labels;
 mod lines;
+mod room;
 mod svg;
 mod track;
 
@@ -17,7 +23,10 @@ use std::sync::{Arc, OnceLock};
 use resvg::tiny_skia::{Color, Pixmap, Transform};
 use resvg::usvg;
 
+pub use channel::{ChannelFigure, ChannelPath};
+pub use heat_map::{HeatMap, HeatRows};
 pub use lines::{LineFigure, Series, Span};
+pub use room::{RoomFigure, RoomWall, VirtualAnchor};
 use svg::{Area, Svg};
 pub use track::{MappedAnchor, TrackFigure};
 
@@ -35,6 +44,12 @@ pub enum Panel {
     Track(TrackFigure),
     /// Lines over a common axis.
     Lines(LineFigure),
+    /// A map of values as colours.
+    HeatMap(HeatMap),
+    /// A channel response and the paths in it.
+    Channel(ChannelFigure),
+    /// A room with its anchors and virtual anchors.
+    Room(RoomFigure),
 }
 
 impl From<TrackFigure> for Panel {
@@ -49,12 +64,33 @@ impl From<LineFigure> for Panel {
     }
 }
 
+impl From<HeatMap> for Panel {
+    fn from(figure: HeatMap) -> Self {
+        Self::HeatMap(figure)
+    }
+}
+
+impl From<ChannelFigure> for Panel {
+    fn from(figure: ChannelFigure) -> Self {
+        Self::Channel(figure)
+    }
+}
+
+impl From<RoomFigure> for Panel {
+    fn from(figure: RoomFigure) -> Self {
+        Self::Room(figure)
+    }
+}
+
 impl Panel {
     /// The height that the panel needs at a given width.
     fn height(&self, width: f64) -> f64 {
         match self {
             Self::Track(figure) => figure.height(width),
             Self::Lines(figure) => figure.height(width),
+            Self::HeatMap(figure) => figure.height(width),
+            Self::Channel(figure) => figure.height(width),
+            Self::Room(figure) => figure.height(width),
         }
     }
 
@@ -62,6 +98,9 @@ impl Panel {
         match self {
             Self::Track(figure) => figure.draw(svg, area),
             Self::Lines(figure) => figure.draw(svg, area),
+            Self::HeatMap(figure) => figure.draw(svg, area),
+            Self::Channel(figure) => figure.draw(svg, area),
+            Self::Room(figure) => figure.draw(svg, area),
         }
     }
 }

@@ -2,6 +2,10 @@
 
 use std::fmt::Write;
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use resvg::tiny_skia::{IntSize, Pixmap};
+
 /// The font that the PNG is rendered with; a browser may fall back to another of similar width.
 pub(super) const FONT: &str = "DejaVu Sans";
 pub(super) const TEXT_SIZE: f64 = 13.0;
@@ -89,6 +93,16 @@ pub(super) fn wrapped(text: &str, size: f64, width: f64) -> Vec<String> {
         }
     }
     lines
+}
+
+/// A text cut to a width; an ellipsis stands for what was cut.
+pub(super) fn shortened(text: &str, size: f64, width: f64) -> String {
+    if text_width(text, size) <= width {
+        return text.to_owned();
+    }
+    let mut kept = text.to_owned();
+    while kept.pop().is_some() && text_width(&kept, size) + size > width {}
+    format!("{}…", kept.trim_end())
 }
 
 /// Where a text hangs from its point.
@@ -302,6 +316,20 @@ impl Svg {
         );
     }
 
+    /// An image of square-cornered pixels, row by row from the top, stretched over an area. Where there is no
+    /// colour, what lies below shows.
+    pub(super) fn image(&mut self, area: Area, width: usize, pixels: &[Option<[u8; 3]>]) {
+        let Some(png) = png_of(width, pixels) else { return };
+        let Area { left, top, width, height } = area;
+        let _ = writeln!(
+            self.text,
+            "<image x=\"{left:.2}\" y=\"{top:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" \
+             preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" \
+             href=\"data:image/png;base64,{}\"/>",
+            STANDARD.encode(png)
+        );
+    }
+
     pub(super) fn text(&mut self, text: &str, [x, y]: [f64; 2], style: TextStyle) {
         let TextStyle { align, size, bold, colour, halo, upright } = style;
         let anchor = match align {
@@ -366,6 +394,17 @@ impl Svg {
     }
 }
 
+/// Pixels as a PNG file; none if there are no whole rows of them.
+fn png_of(width: usize, pixels: &[Option<[u8; 3]>]) -> Option<Vec<u8>> {
+    let rgba = pixels.iter().flat_map(|pixel| match *pixel {
+        Some([red, green, blue]) => [red, green, blue, u8::MAX],
+        None => [0; 4],
+    });
+    let height = pixels.len().checked_div(width)?;
+    let size = IntSize::from_wh(width.try_into().ok()?, height.try_into().ok()?)?;
+    Pixmap::from_vec(rgba.collect(), size)?.encode_png().ok()
+}
+
 const LEGEND_LINE: f64 = 19.0;
 const LEGEND_KEY: f64 = 24.0;
 
@@ -410,6 +449,14 @@ mod tests {
         assert!(lines.len() > 3);
         assert!(lines.iter().all(|line| text_width(line, TITLE_SIZE) <= 300.0));
         assert_eq!(lines.join(" "), title.trim());
+    }
+
+    #[test]
+    fn a_text_that_is_too_long_is_cut() {
+        assert_eq!(shortened("short", TEXT_SIZE, 100.0), "short");
+        let cut = shortened(&"long ".repeat(100), TEXT_SIZE, 100.0);
+        assert!(cut.ends_with('…') && text_width(&cut, TEXT_SIZE) <= 100.0, "{cut}");
+        assert_eq!(shortened("long", TEXT_SIZE, 0.0), "…");
     }
 
     #[test]

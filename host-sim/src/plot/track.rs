@@ -4,20 +4,16 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::Picture;
-use super::axis::{Axis, BELOW, Frame, LEFT_ROOM};
-use super::svg::{
-    Align, Area, INK, Key, Marker, SOFT_INK, Stroke, Svg, TEXT_SIZE, TextStyle, colour, dashes,
-    legend_height, text_width, title_height,
-};
+use super::axis::Frame;
+use super::floor::{Plan, Window, draw_arrow, draw_ends, draw_track, ends_legend, is_drawable};
+use super::labels::Labels;
+use super::svg::{Area, INK, Key, Marker, SOFT_INK, Stroke, Svg, colour, dashes};
 
 /// 95 % of a two-dimensional normal distribution lie within this many standard deviations.
 const ELLIPSE_95: f64 = 2.447_746_830_680_816;
 const WALL: &str = "#8d8478";
 const TRUTH: &str = "#c4c4c4";
 const MAPPED: &str = "#7b3f9e";
-const MAX_PLOT_HEIGHT: f64 = 760.0;
-const MIN_PLOT_HEIGHT: f64 = 260.0;
-const RIGHT_ROOM: f64 = 16.0;
 
 /// A virtual anchor in a figure.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,54 +45,6 @@ pub struct TrackFigure {
     pub walls: Vec<[[f64; 2]; 2]>,
     /// Positions along the first estimated track with their covariances xx, xy, yy, in square metres.
     pub ellipses: Vec<([f64; 2], [f64; 3])>,
-}
-
-/// The part of the plane that is shown.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Window {
-    low: [f64; 2],
-    high: [f64; 2],
-}
-
-impl Window {
-    fn around<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> Option<Self> {
-        points.filter(|point| is_drawable(point)).fold(None, |window: Option<Self>, &point| {
-            let mut window = window.unwrap_or(Self { low: point, high: point });
-            window.include(point);
-            Some(window)
-        })
-    }
-
-    fn include(&mut self, point: [f64; 2]) {
-        for (axis, coordinate) in point.into_iter().enumerate() {
-            self.low[axis] = self.low[axis].min(coordinate);
-            self.high[axis] = self.high[axis].max(coordinate);
-        }
-    }
-
-    fn extent(&self) -> [f64; 2] {
-        [self.high[0] - self.low[0], self.high[1] - self.low[1]]
-    }
-
-    fn longer(&self) -> f64 {
-        self.extent()[0].max(self.extent()[1])
-    }
-
-    fn grown(&self, by: f64) -> Self {
-        Self { low: self.low.map(|low| low - by), high: self.high.map(|high| high + by) }
-    }
-
-    fn contains(&self, point: &[f64; 2]) -> bool {
-        (0..2).all(|axis| point[axis] >= self.low[axis] && point[axis] <= self.high[axis])
-    }
-
-    fn centre(&self) -> [f64; 2] {
-        [0.5 * (self.low[0] + self.high[0]), 0.5 * (self.low[1] + self.high[1])]
-    }
-}
-
-fn is_drawable(point: &[f64; 2]) -> bool {
-    point.iter().all(|coordinate| coordinate.abs() < 1e9)
 }
 
 impl TrackFigure {
@@ -143,21 +91,6 @@ impl TrackFigure {
         window.grown(0.05 * window.longer().max(1.0))
     }
 
-    /// The window widened to fill a frame of a width, and the frame's height.
-    fn fitted(&self, width: f64) -> (Window, f64) {
-        let mut window = self.window();
-        let [extent_x, extent_y] = window.extent();
-        let height = (width * extent_y / extent_x).clamp(MIN_PLOT_HEIGHT, MAX_PLOT_HEIGHT);
-        let metres_per_pixel = (extent_x / width).max(extent_y / height);
-        let spare =
-            [0.5 * (metres_per_pixel * width - extent_x), 0.5 * (metres_per_pixel * height - extent_y)];
-        for (axis, spare) in spare.into_iter().enumerate() {
-            window.low[axis] -= spare;
-            window.high[axis] += spare;
-        }
-        (window, height)
-    }
-
     fn legend(&self, window: &Window) -> Vec<(Key, String)> {
         let mut items = Vec::new();
         if !self.truth.is_empty() {
@@ -173,8 +106,7 @@ impl TrackFigure {
             items.push((Key::Line(estimate_stroke(look)), label));
         }
         if self.truth.iter().chain(self.estimates.iter().flat_map(|(_, track)| track)).next().is_some() {
-            items.push((Key::Marker(Marker::Circle, INK, false), "start".to_owned()));
-            items.push((Key::Marker(Marker::Square, INK, true), "end".to_owned()));
+            items.extend(ends_legend());
         }
         if !self.ellipses.is_empty() || self.virtual_anchors.iter().any(|image| image.covariance_m2.is_some())
         {
@@ -196,23 +128,13 @@ impl TrackFigure {
     }
 
     pub(super) fn height(&self, width: f64) -> f64 {
-        let (window, plot_height) = self.fitted(width - LEFT_ROOM - RIGHT_ROOM);
-        title_height(&self.title, width)
-            + legend_height(&self.legend(&window), width)
-            + 2.0
-            + plot_height
-            + BELOW
+        let plan = Plan::new(self.window(), width);
+        plan.panel_height(&self.title, &self.legend(&plan.window), width)
     }
 
     pub(super) fn draw(&self, svg: &mut Svg, area: Area) {
-        let width = area.width - LEFT_ROOM - RIGHT_ROOM;
-        let (window, height) = self.fitted(width);
-        let mut top = area.top + svg.title(&self.title, area.left, area.top, area.width);
-        top += svg.legend(&self.legend(&window), area.left, top, area.width) + 2.0;
-        let axis = |index: usize| Axis { low: window.low[index], high: window.high[index], log: false };
-        let frame =
-            Frame { area: Area { left: area.left + LEFT_ROOM, top, width, height }, x: axis(0), y: axis(1) };
-        frame.draw(svg, "x in m", "y in m");
+        let plan = Plan::new(self.window(), area.width);
+        let frame = plan.draw(svg, area, &self.title, &self.legend(&plan.window));
         svg.begin_clip(frame.area);
         for wall in self.walls.iter().filter(|wall| wall.iter().all(is_drawable)) {
             svg.line(frame.place(wall[0]), frame.place(wall[1]), Stroke::new(WALL, 2.6));
@@ -224,25 +146,17 @@ impl TrackFigure {
         for (look, (_, track)) in self.estimates.iter().enumerate() {
             draw_track(svg, &frame, track, estimate_stroke(look));
         }
-        self.draw_ends(svg, &frame);
-        svg.end_clip();
-        self.draw_anchors(svg, &frame, &window);
-    }
-
-    fn draw_ends(&self, svg: &mut Svg, frame: &Frame) {
-        let estimates = self.estimates.iter().enumerate().map(|(look, (_, track))| (colour(look), track));
-        for (colour, track) in std::iter::once((INK, &self.truth)).chain(estimates) {
-            let mut drawable = track.iter().filter(|point| is_drawable(point));
-            let Some(&first) = drawable.next() else { continue };
-            svg.marker(Marker::Circle, frame.place(first), 4.5, colour, false);
-            let last = drawable.next_back().copied().unwrap_or(first);
-            svg.marker(Marker::Square, frame.place(last), 5.0, colour, true);
+        draw_ends(svg, &frame, &self.truth, INK);
+        for (look, (_, track)) in self.estimates.iter().enumerate() {
+            draw_ends(svg, &frame, track, colour(look));
         }
+        svg.end_clip();
+        self.draw_anchors(svg, &frame, &plan.window);
     }
 
     /// Anchors and virtual anchors with their names, which keep out of each other's way.
     fn draw_anchors(&self, svg: &mut Svg, frame: &Frame, window: &Window) {
-        let mut labels = Labels { within: frame.area, taken: Vec::new() };
+        let mut labels = Labels::within(frame.area);
         let mut names: Vec<([f64; 2], &str, &'static str)> = Vec::new();
         svg.begin_clip(frame.area);
         for image in self.virtual_anchors.iter().filter(|image| is_drawable(&image.position_m)) {
@@ -291,20 +205,6 @@ fn estimate_stroke(look: usize) -> Stroke {
     Stroke { dashes: dashes(look), ..Stroke::new(colour(look), 1.6) }
 }
 
-fn draw_track(svg: &mut Svg, frame: &Frame, track: &[[f64; 2]], stroke: Stroke) {
-    for run in track.split(|point| !is_drawable(point)) {
-        let mut places: Vec<[f64; 2]> = Vec::new();
-        for &point in run {
-            let place = frame.place(point);
-            // Steps below a fifth of a pixel cannot be seen.
-            if places.last().is_none_or(|last| (last[0] - place[0]).hypot(last[1] - place[1]) > 0.2) {
-                places.push(place);
-            }
-        }
-        svg.polyline(&places, stroke);
-    }
-}
-
 /// The half axes of the 95 % ellipse and the angle of the longer one from the x axis, if the covariance is one.
 fn ellipse_of([xx, xy, yy]: [f64; 3]) -> Option<([f64; 2], f64)> {
     let mean = 0.5 * (xx + yy);
@@ -341,70 +241,6 @@ fn draw_ellipse(
     );
 }
 
-/// An arrow at the border towards a position outside; gives where it stands.
-fn draw_arrow(
-    svg: &mut Svg,
-    frame: &Frame,
-    window: &Window,
-    position_m: [f64; 2],
-    ink: &'static str,
-) -> [f64; 2] {
-    let centre = frame.place(window.centre());
-    let far = frame.place(position_m);
-    let (dx, dy) = (far[0] - centre[0], far[1] - centre[1]);
-    let inset = 11.0;
-    let scale =
-        ((0.5 * frame.area.width - inset) / dx.abs()).min((0.5 * frame.area.height - inset) / dy.abs());
-    let place = [centre[0] + scale * dx, centre[1] + scale * dy];
-    let length = dx.hypot(dy);
-    let [ux, uy] = [dx / length, dy / length];
-    let at =
-        |along: f64, across: f64| [place[0] + along * ux - across * uy, place[1] + along * uy + across * ux];
-    svg.polygon(&[at(9.0, 0.0), at(-4.0, 5.0), at(-1.0, 0.0), at(-4.0, -5.0)], ink, None);
-    place
-}
-
-/// Names that keep out of each other's way.
-struct Labels {
-    within: Area,
-    taken: Vec<Area>,
-}
-
-impl Labels {
-    fn take_marker(&mut self, [x, y]: [f64; 2], radius: f64) {
-        let side = 2.0 * radius + 2.0;
-        self.taken.push(Area { left: x - 0.5 * side, top: y - 0.5 * side, width: side, height: side });
-    }
-
-    /// Puts a name beside a marker where there is room; where there is none, it is left out.
-    fn put(&mut self, svg: &mut Svg, [x, y]: [f64; 2], name: &str, ink: &'static str) {
-        const SIZE: f64 = TEXT_SIZE - 1.0;
-        let (width, height) = (text_width(name, SIZE), SIZE + 2.0);
-        let (left, centre, right) = (x - width - 10.0, x - 0.5 * width, x + 10.0);
-        let (above, middle, below) = (y - height - 8.0, y - 0.5 * height, y + 9.0);
-        let places = [
-            (right, middle),
-            (left, middle),
-            (centre, above),
-            (centre, below),
-            (right, above),
-            (right, below),
-            (left, above),
-            (left, below),
-        ];
-        let free = places.into_iter().map(|(left, top)| Area { left, top, width, height }).find(|place| {
-            self.within.contains([place.left, place.top])
-                && self.within.contains([place.right(), place.bottom()])
-                && !self.taken.iter().any(|other| other.overlaps(place))
-        });
-        let Some(place) = free.filter(|_| !name.is_empty()) else { return };
-        self.taken.push(place);
-        let style =
-            TextStyle { align: Align::Start, size: SIZE, colour: ink, halo: true, ..TextStyle::default() };
-        svg.text(name, [place.left, place.top + SIZE - 1.0], style);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -435,18 +271,6 @@ mod tests {
         track[7] = [1e5, 1e5];
         let figure = TrackFigure { estimates: vec![("alone".into(), track)], ..TrackFigure::default() };
         assert!(figure.window().longer() < 5.0);
-    }
-
-    #[test]
-    fn scales_are_equal_whatever_the_shape_of_the_window() {
-        for truth in
-            [vec![[0.0, 0.0], [100.0, 1.0]], vec![[0.0, 0.0], [1.0, 100.0]], vec![[2.0, 2.0]], vec![]]
-        {
-            let figure = TrackFigure { truth, ..TrackFigure::default() };
-            let (window, height) = figure.fitted(800.0);
-            let [extent_x, extent_y] = window.extent();
-            assert!((extent_x / 800.0 - extent_y / height).abs() < 1e-9 * extent_x, "{window:?} {height}");
-        }
     }
 
     #[test]
