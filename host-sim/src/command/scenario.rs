@@ -28,7 +28,7 @@ pub fn run(action: &Action) -> Result<(), Failure> {
         Action::Check { file } => {
             let (scenario, _) = Scenario::find(file)?;
             print(&format!(
-                "{file}: is a valid scenario: {}, {} walls, {} anchors, {} trajectories, {} actions.",
+                "{file}: is a valid scenario: {}; walls: {}, anchors: {}, trajectories: {}, actions: {}.",
                 scenario.name,
                 cogmint::scenario::walls(&scenario.room).len(),
                 scenario.anchors.len(),

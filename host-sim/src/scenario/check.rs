@@ -348,8 +348,8 @@ fn check_carrier(key: &str, carrier_hz: f64, half_band_hz: f64) -> Result<(), Fa
 /// Refuses a pulse without energy and one wider than the band that a frame's samples can hold.
 fn check_sampled_pulse(samples: &[[f64; 2]], spacing_s: f64, frame_spacing_s: f64) -> Result<(), Fault> {
     let key = "radio.pulse.samples";
-    // Padding makes the spectrum smooth; the energy between bins counts as well.
-    let length = (4 * samples.len()).next_power_of_two();
+    // Padded: of a short pulse, too, the spectrum is known finely enough.
+    let length = (4 * samples.len()).next_power_of_two().max(4096);
     let mut spectrum: Vec<Complex<f64>> = samples.iter().map(|&[re, im]| Complex::new(re, im)).collect();
     spectrum.resize(length, Complex::default());
     FftPlanner::new().plan_fft_forward(length).process(&mut spectrum);
@@ -461,3 +461,244 @@ mod polygon {
     }
 }
 // ---- ... to here. ----
+
+#[cfg(test)]
+mod tests {
+    use super::super::{
+        Action, BUILT_IN, InnerWall, Interference, Layer, Obstruction, Profile, Strength, Waypoint,
+    };
+    use super::*;
+
+    fn example() -> Scenario {
+        Scenario::parse(BUILT_IN[0].text, BUILT_IN[0].name).expect("is valid")
+    }
+
+    /// The sentence about the example after a change.
+    fn refusal_after(change: impl FnOnce(&mut Scenario)) -> String {
+        let mut scenario = example();
+        change(&mut scenario);
+        scenario.check("x.toml").expect_err("is refused").to_string()
+    }
+
+    #[track_caller]
+    fn assert_says(said: &str, parts: &[&str]) {
+        for part in parts {
+            assert!(said.contains(part), "{part:?} is missing in: {said}");
+        }
+    }
+
+    fn inner(from_m: Position, to_m: Position) -> InnerWall {
+        InnerWall { from_m, to_m, construction: "glass".into() }
+    }
+
+    fn polyline(scenario: &mut Scenario, vertices: &[Position]) {
+        scenario.trajectories.truncate(1);
+        scenario.trajectories[0].cycles = None;
+        scenario.trajectories[0].way = Way::Polyline { vertices_m: vertices.to_vec(), step_m: 0.01 };
+    }
+
+    #[test]
+    fn an_outline_that_crosses_itself_or_encloses_nothing_is_refused() {
+        let said = refusal_after(|scenario| {
+            scenario.room.sides.clear();
+            scenario.room.corners_m = vec![[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 4.0]];
+        });
+        assert_says(&said, &["`room.corners_m` makes side 0 cross or touch side 2"]);
+        let said = refusal_after(|scenario| {
+            scenario.room.sides.clear();
+            scenario.room.corners_m = vec![[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]];
+        });
+        assert_says(&said, &["encloses 0.005", "above 0.01 m2"]);
+        let said = refusal_after(|scenario| {
+            scenario.room.sides.clear();
+            scenario.room.corners_m = vec![[0.0, 0.0], [4.0, 0.0], [4.0, 0.005], [0.0, 4.0]];
+        });
+        assert_says(&said, &["`room.corners_m.1` begins a wall 0.005 m long"]);
+    }
+
+    #[test]
+    fn walls_that_run_along_each_other_are_refused_and_those_that_cross_are_not() {
+        let along = inner([4.32, 7.0], [4.32, 5.0]);
+        let said = refusal_after(|scenario| scenario.room.inner_walls.push(along));
+        assert_says(&said, &["`room.inner_walls.0` overlaps side 3 lengthwise"]);
+        let mut scenario = example();
+        scenario.room.inner_walls = vec![inner([4.0, 5.0], [5.0, 5.0]), inner([4.5, 4.5], [4.5, 5.5])];
+        scenario.check("x.toml").expect("is valid");
+        let short = inner([4.0, 5.0], [4.005, 5.0]);
+        let said = refusal_after(|scenario| scenario.room.inner_walls.push(short));
+        assert_says(&said, &["`room.inner_walls.0`", "above 0.01 m"]);
+    }
+
+    #[test]
+    fn sides_come_once_per_corner_or_not_at_all() {
+        let said = refusal_after(|scenario| scenario.room.sides.truncate(5));
+        assert_says(&said, &["`room.sides` has 5 entries for 6 corners"]);
+    }
+
+    #[test]
+    fn names_that_are_not_defined_are_refused_with_those_that_are() {
+        let said = refusal_after(|scenario| scenario.room.sides[2] = "straw".into());
+        assert_says(&said, &["`room.sides.2` is \"straw\"", "drywall", "flat"]);
+        let said = refusal_after(|scenario| {
+            let layers = vec![Layer { material: "straw".into(), thickness_m: 0.1 }];
+            scenario.constructions.insert("my.wall".into(), Construction::Layered { layers });
+        });
+        assert_says(&said, &["`constructions.my.wall.layers.0.material` is \"straw\"", "ceiling-board"]);
+        let said = refusal_after(|scenario| {
+            scenario.obstructions.push(Obstruction {
+                during: Part([0.0, 1.0]),
+                anchors: vec!["A1".into(), "A9".into()],
+                paths: Default::default(),
+                loss_db: 10.0,
+                excess_m: 0.0,
+            });
+        });
+        assert_says(&said, &["`obstructions.0.anchors.1` is \"A9\"", "allowed is A1, A2."]);
+    }
+
+    #[test]
+    fn anchors_stand_inside_the_room_off_the_walls_under_names_of_their_own() {
+        let said = refusal_after(|scenario| scenario.anchors[0].position_m = [5.0, 7.0]);
+        assert_says(&said, &["`anchors.0.position_m` is (5, 7), outside the room"]);
+        let said = refusal_after(|scenario| scenario.anchors[1].position_m = [5.77, 3.0]);
+        assert_says(&said, &["`anchors.1.position_m`", "m from the wall from (5.775, 0) to (5.775, 6)"]);
+        let said = refusal_after(|scenario| scenario.anchors[1].name = "A1".into());
+        assert_says(&said, &["`anchors.1.name` repeats the name \"A1\""]);
+        let said = refusal_after(|scenario| scenario.anchors[1].name = "A\n1".into());
+        assert_says(&said, &["`anchors.1.name` is empty or not on one line"]);
+    }
+
+    #[test]
+    fn ways_stay_inside_the_room_and_pass_no_wall() {
+        let said = refusal_after(|scenario| polyline(scenario, &[[1.0, 1.0], [9.0, 1.0]]));
+        assert_says(&said, &["`trajectories.0.way.polyline.vertices_m.1` is (9, 1), outside the room"]);
+        // Both ends lie inside; the notch is between them.
+        let said = refusal_after(|scenario| polyline(scenario, &[[4.0, 7.0], [5.0, 5.5]]));
+        assert_says(&said, &["vertices_m.1` is reached through or along the wall"]);
+        let said = refusal_after(|scenario| {
+            polyline(scenario, &[[1.0, 1.0], [3.0, 1.0]]);
+            scenario.room.inner_walls.push(inner([2.0, 1.005], [2.0, 2.0]));
+        });
+        assert_says(&said, &["reached through or along the wall from (2, 1.005) to (2, 2)"]);
+        let said = refusal_after(|scenario| polyline(scenario, &[[1.0, 1.0], [1.0, 1.0]]));
+        assert_says(&said, &["leads nowhere"]);
+    }
+
+    #[test]
+    fn a_trajectory_has_no_more_cycles_than_its_way() {
+        let set = |scenario: &mut Scenario, cycles| {
+            polyline(scenario, &[[1.0, 1.0], [3.0, 1.0]]);
+            scenario.trajectories[0].cycles = Some(cycles);
+        };
+        let mut scenario = example();
+        set(&mut scenario, 201);
+        scenario.check("x.toml").expect("is valid");
+        let said = refusal_after(|scenario| set(scenario, 202));
+        assert_says(&said, &["`trajectories.0.cycles` is 202", "1 to 201"]);
+        let said = refusal_after(|scenario| {
+            let point = |x, pause_s| Waypoint { position_m: [x, 1.0], speed_m_s: 1.0, pause_s };
+            scenario.trajectories[0].period_s = 1e-4;
+            scenario.trajectories[0].cycles = None;
+            scenario.trajectories[0].way =
+                Way::Waypoints { points: vec![point(1.0, 0.0), point(2.0, 100.0)] };
+        });
+        assert_says(&said, &["has 1.010001e6 cycles", "at most 1e6"]);
+    }
+
+    #[test]
+    fn a_way_of_no_whole_number_of_steps_keeps_its_last_cycle_despite_rounding() {
+        let mut scenario = example();
+        polyline(&mut scenario, &[[1.0, 1.0], [1.1, 1.0], [1.2, 1.0], [1.3, 1.0]]);
+        scenario.trajectories[0].cycles = Some(31);
+        scenario.check("x.toml").expect("is valid");
+    }
+
+    #[test]
+    fn parts_of_the_way_begin_before_they_end() {
+        let said = refusal_after(|scenario| scenario.lost_frames.gaps.push(Part([0.5, 0.5])));
+        assert_says(&said, &["`lost_frames.gaps.0` is from 0.5 to 0.5"]);
+        let said = refusal_after(|scenario| {
+            scenario.interference.push(Interference {
+                carrier_hz: 7e9,
+                pulse_duration_s: 0.5e-9,
+                roll_off: 0.6,
+                during: Part([0.7, 0.3]),
+                strength: Strength::Omega1(1e-8),
+                profile: Profile::default(),
+                onset_s: 0.0,
+                fading: Default::default(),
+                anchors: Vec::new(),
+            });
+        });
+        assert_says(&said, &["`interference.0.during` is from 0.7 to 0.3"]);
+    }
+
+    #[test]
+    fn more_candidates_for_paths_than_can_be_tried_are_refused() {
+        let said = refusal_after(|scenario| {
+            let wall = |n| inner([4.6, 1.0 + 0.01 * f64::from(n)], [5.0, 1.0 + 0.01 * f64::from(n)]);
+            scenario.room.inner_walls = (0..100).map(wall).collect();
+            scenario.propagation.reflection_order = 4;
+        });
+        assert_says(&said, &["`propagation.reflection_order` is 4 with 106 walls", "at most 3:"]);
+    }
+
+    #[test]
+    fn the_floor_plan_that_is_told_is_checked_like_the_room() {
+        let said = refusal_after(|scenario| {
+            let mut room = scenario.room.clone();
+            room.construction = "straw".into();
+            scenario.prior.floor_plan.room = Some(room);
+        });
+        assert_says(&said, &["`prior.floor_plan.room.construction`"]);
+    }
+
+    #[test]
+    fn pulses_must_be_sampled_often_enough_unless_the_receiver_limits_them() {
+        let said = refusal_after(|scenario| scenario.radio.sample_spacing_s = Some(0.4e-9));
+        assert_says(&said, &["`radio.sample_spacing_s` leaves a band of 3.2e9 Hz", "3.125e-10 s"]);
+        let said = refusal_after(|scenario| {
+            let action = |pulse_duration_s| Action { carrier_hz: 7e9, pulse_duration_s };
+            scenario.radio.library = Some(Library::Listed(vec![action(1e-9), action(0.3e-9)]));
+        });
+        assert_says(&said, &["`radio.library.1.pulse_duration_s`"]);
+        let mut scenario = example();
+        scenario.radio = super::super::Radio { kind: super::super::RadioKind::Dw1000, ..Default::default() };
+        scenario.check("x.toml").expect("is valid");
+    }
+
+    #[test]
+    fn a_sampled_pulse_has_energy_inside_the_band() {
+        let pulse = |samples| Some(Pulse::Sampled { spacing_s: 0.05e-9, samples });
+        let mut scenario = example();
+        // 2 ns long and smooth.
+        let smooth = (0..41).map(|n| [1.0 - (std::f64::consts::TAU * f64::from(n) / 40.0).cos(), 0.0]);
+        scenario.radio.pulse = pulse(smooth.collect());
+        scenario.check("x.toml").expect("is valid");
+        let said = refusal_after(|scenario| scenario.radio.pulse = pulse(vec![[0.0; 2]; 9]));
+        assert_says(&said, &["`radio.pulse.samples` has the energy 0"]);
+        let said = refusal_after(|scenario| scenario.radio.pulse = pulse(vec![[1.0, 0.0], [0.0, 0.0]]));
+        assert_says(&said, &["`radio.pulse.samples` has 80 % of its energy outside"]);
+    }
+
+    #[test]
+    fn indexes_lie_inside_library_and_frame() {
+        let said = refusal_after(|scenario| {
+            scenario.radio.kind = super::super::RadioKind::Dw3000;
+            scenario.radio.library = None;
+            scenario.radio.first_action = Some(2);
+        });
+        assert_says(&said, &["`radio.first_action` is 2 in a library of 2; allowed is 0 to 1"]);
+        let said = refusal_after(|scenario| scenario.radio.window = Some(Window::FirstPath { sample: 400 }));
+        assert_says(&said, &["`radio.window.first-path.sample` is 400", "0 to 399"]);
+    }
+
+    #[test]
+    fn a_band_may_not_reach_down_to_zero_frequency() {
+        let said = refusal_after(|scenario| {
+            let action = Action { carrier_hz: 1e9, pulse_duration_s: 0.5e-9 };
+            scenario.radio.library = Some(Library::Listed(vec![action]));
+        });
+        assert_says(&said, &["`radio.library.0.carrier_hz`", "above half the band"]);
+    }
+}

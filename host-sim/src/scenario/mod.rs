@@ -38,7 +38,7 @@ pub struct Scenario {
     pub description: String,
     /// Seed of everything random, unless the command is given another.
     #[serde(default = "defaults::seed")]
-    #[schemars(range(min = 0, max = 9_007_199_254_740_992_u64))]
+    #[schemars(range(min = 0, max = 9_007_199_254_740_991_u64))]
     pub seed: u64,
     /// The floor plan.
     pub room: Room,

@@ -78,3 +78,143 @@ impl Scenario {
         toml::to_string(self)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sentence about a built-in scenario's text after `from` became `to`.
+    fn refusal_after(name: &str, from: &str, to: &str) -> String {
+        let text = BUILT_IN.iter().find(|built_in| built_in.name == name).expect("is built in").text;
+        assert!(text.contains(from), "{from}");
+        Scenario::parse(&text.replacen(from, to, 1), "x.toml").expect_err("is refused").to_string()
+    }
+
+    #[track_caller]
+    fn assert_says(said: &str, parts: &[&str]) {
+        assert!(said.starts_with("x.toml, line "), "{said}");
+        for part in parts {
+            assert!(said.contains(part), "{part:?} is missing in: {said}");
+        }
+    }
+
+    #[test]
+    fn unknown_missing_and_mistyped_keys_are_refused_with_line_and_key() {
+        let name = "dw3000-office";
+        assert_eq!(
+            refusal_after(name, "[radio]\n", "[radio]\nspeed = 3\n").split("; allowed").next(),
+            Some("x.toml, line 76: `radio.speed` is unknown"),
+        );
+        assert_says(&refusal_after(name, "name = \"north-east\"\n", ""), &["`anchors.2.name` is missing"]);
+        assert_says(
+            &refusal_after(name, "height_m = 1.2", "height_m = \"high\""),
+            &["`tag.height_m` is \"high\"; allowed is -100 to 100."],
+        );
+        assert_says(
+            &refusal_after(name, "height_m = 1.2", "height_m = nan"),
+            &["`tag.height_m` is NaN; allowed is -100 to 100."],
+        );
+        assert_says(
+            &refusal_after(name, "[4.5, 4.5]", "[4.5, 4.5, 1.0]"),
+            &["`trajectories.0.way.waypoints.points.2.position_m` has 3 entries", "a list of 2 entries"],
+        );
+        assert_says(&refusal_after(name, "[errors]", "[[errors]]"), &["`errors` is a list"]);
+    }
+
+    #[test]
+    fn what_has_several_shapes_says_which() {
+        let name = "dw3000-office";
+        let after = |line: &str| refusal_after(name, "log = \"complex\"", line);
+        assert_says(&after("log = \"phase\""), &["`radio.log` is \"phase\"; allowed is complex, magnitude."]);
+        assert_says(
+            &after("pulse = { roll_off = 0.5 }"),
+            &["`radio.pulse.shape` is missing; allowed is root-raised-cosine, hrp, sampled."],
+        );
+        assert_says(&after("pulse = { shape = \"gauss\" }"), &["`radio.pulse.shape` is \"gauss\""]);
+        assert_says(
+            &after("pulse = { shape = \"hrp\", roll_off = 0.5 }"),
+            &["`radio.pulse.roll_off` is unknown; allowed is shape."],
+        );
+        assert_says(&after("library = \"dw9\""), &["`radio.library` is \"dw9\"", "hrp-europe, a list"]);
+        assert_says(&after("library = []"), &["`radio.library` has 0 entries"]);
+        assert_says(
+            &after("library = [{ carrier_hz = 7e9 }]"),
+            &["`radio.library.0.pulse_duration_s` is missing"],
+        );
+        assert_says(
+            &after("window = { absolute = { first_sample_delay_s = 0.0 }, first-path = { sample = 1 } }"),
+            &["`radio.window` holds absolute, first-path; allowed is absolute or first-path."],
+        );
+        assert_says(
+            &refusal_after(name, "[errors]", "[constructions.wall]\nlayer = []\n[errors]"),
+            &["`constructions.wall` holds layer", "layers or reflection_loss_db with transmission_loss_db"],
+        );
+        assert_says(
+            &refusal_after(name, "[errors]", "[constructions.wall]\nreflection_loss_db = 3\n[errors]"),
+            &["`constructions.wall.transmission_loss_db` is missing"],
+        );
+    }
+
+    #[test]
+    fn what_the_schema_cannot_say_is_refused_with_its_line_too() {
+        assert_says(
+            &refusal_after("dw3000-office", "[4.5, 4.5]", "[4.5, 7.5]"),
+            &["line 67: `trajectories.0.way.waypoints.points.2.position_m` is (4.5, 7.5), outside the room"],
+        );
+    }
+
+    #[test]
+    fn another_format_is_refused_before_anything_else() {
+        let said = refusal_after("corridor", "format = 1", "format = 2\nwalls = 3");
+        assert_says(&said, &["`format` is 2; allowed is 1."]);
+    }
+
+    #[test]
+    fn a_scenario_is_found_by_name_or_by_path_and_otherwise_the_names_are_listed() {
+        let (scenario, folder) = Scenario::find("corridor").expect("is built in");
+        assert_eq!((scenario.anchors.len(), folder), (2, None));
+        let said = Scenario::find("corridors").expect_err("is refused").to_string();
+        assert!(said.contains("neither a file nor a built-in scenario") && said.contains("dw3000-office"));
+    }
+
+    #[test]
+    fn a_number_beyond_toml_is_refused_when_checked() {
+        let (mut scenario, _) = Scenario::find("corridor").expect("is built in");
+        scenario.seed = u64::MAX;
+        scenario.check("x.toml").expect_err("is refused");
+    }
+
+    #[test]
+    fn the_committed_schema_is_the_derived_one() {
+        let committed: serde_json::Value =
+            serde_json::from_str(include_str!("../../../docs/scenario.schema.json")).expect("is JSON");
+        assert!(
+            committed == *Scenario::schema(),
+            "run: cargo run --release -- scenario schema > docs/scenario.schema.json"
+        );
+    }
+
+    #[test]
+    fn the_documentation_names_every_key_of_the_schema() {
+        fn names(schema: &serde_json::Value, found: &mut Vec<String>) {
+            match schema {
+                serde_json::Value::Object(object) => {
+                    if let Some(properties) = object.get("properties").and_then(|value| value.as_object()) {
+                        found.extend(properties.keys().cloned());
+                    }
+                    object.values().for_each(|value| names(value, found));
+                }
+                serde_json::Value::Array(list) => list.iter().for_each(|value| names(value, found)),
+                _ => {}
+            }
+        }
+        let mut found = Vec::new();
+        names(Scenario::schema(), &mut found);
+        assert!(found.len() > 100);
+        let text = include_str!("../../../docs/scenario-format.md");
+        for name in found {
+            let named = [format!("`{name}`"), format!("`{name}."), format!(".{name}`")];
+            assert!(named.iter().any(|name| text.contains(name)), "{name} is not documented");
+        }
+    }
+}
