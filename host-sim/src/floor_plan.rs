@@ -25,13 +25,20 @@ struct Strength {
     mean_sinr: f64,
 }
 
-/// The virtual anchors of a recording, and for each anchor which of them its images are.
+/// The virtual anchors of a recording.
+#[derive(Clone, Debug)]
+pub struct FloorPlan {
+    /// All of them.
+    pub virtual_anchors: Vec<VirtualAnchor>,
+    /// Per anchor: which of them each of its image sources is, where some position sees it.
+    pub index_of: Vec<Vec<Option<usize>>>,
+}
+
+/// The virtual anchors of a channel's recordings.
 ///
 /// # Errors
 /// The floor plan's room names something unknown.
-pub fn virtual_anchors(
-    channel: &Channel,
-) -> Result<(Vec<VirtualAnchor>, Vec<Vec<Option<usize>>>), InputError> {
+pub fn of(channel: &Channel) -> Result<FloorPlan, InputError> {
     let scenario = channel.scenario();
     let visible = strengths(channel);
     let mut listed = Vec::new();
@@ -44,7 +51,7 @@ pub fn virtual_anchors(
     }
     let plan = &scenario.prior.floor_plan;
     if !plan.known {
-        return Ok((listed, index_of));
+        return Ok(FloorPlan { virtual_anchors: listed, index_of });
     }
     match &plan.room {
         None => {
@@ -87,7 +94,7 @@ pub fn virtual_anchors(
             }
         }
     }
-    Ok((listed, index_of))
+    Ok(FloorPlan { virtual_anchors: listed, index_of })
 }
 
 /// Makes a virtual anchor known, with the plan's error on top of where the plan has it.

@@ -1,5 +1,6 @@
 //! The host side of cogmint: recordings, importers, the built-in room, the float reference and the plots.
 
+pub mod bound;
 pub mod channel;
 pub mod demo;
 pub mod floor_plan;
@@ -18,3 +19,4 @@ mod toml_place;
 pub mod trace;
 pub mod track;
 pub mod verify;
+pub mod view;

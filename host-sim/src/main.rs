@@ -30,6 +30,9 @@ enum Command {
     Scenario(command::scenario::Action),
     /// Make a recording of a scenario.
     Simulate(command::simulate::Options),
+    /// Draw a scenario or a cycle of a recording.
+    #[command(subcommand)]
+    Plot(command::plot::Subject),
     /// Replay a recording through the core: table, figure, scores.
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
@@ -65,6 +68,7 @@ fn main() -> ExitCode {
         Some(Command::Import(source)) => command::import::run(&source),
         Some(Command::Scenario(action)) => command::scenario::run(&action),
         Some(Command::Simulate(options)) => command::simulate::run(&options),
+        Some(Command::Plot(subject)) => command::plot::run(&subject),
         Some(Command::Track(options)) => command::track::run(&options),
         Some(Command::Verify(options)) => command::verify::run(&options),
         Some(Command::Trace(options)) => command::trace::run(&options),

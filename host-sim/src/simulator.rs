@@ -2,7 +2,7 @@
 
 use crate::channel::random::{Purpose, normal, stream, uniform};
 use crate::channel::{Channel, Component, FrameScratch, SPEED_OF_LIGHT_M_S};
-use crate::floor_plan;
+use crate::floor_plan::{self, FloorPlan};
 use crate::input_error::InputError;
 use crate::recording::{self, Recording, TruthPath};
 use crate::scenario::{Log, Scenario, Schedule, Window};
@@ -15,9 +15,7 @@ use std::path::Path;
 pub struct Simulator {
     channel: Channel,
     trajectory: usize,
-    virtual_anchors: Vec<recording::VirtualAnchor>,
-    /// Per anchor: the virtual anchor of each image source that is ever visible; none for the anchor itself.
-    virtual_anchor_of: Vec<Vec<Option<usize>>>,
+    floor_plan: FloorPlan,
 }
 
 impl Simulator {
@@ -33,13 +31,33 @@ impl Simulator {
         seed: Option<u64>,
     ) -> Result<Self, InputError> {
         let channel = Channel::new(scenario, folder, trajectory, seed)?;
-        let (virtual_anchors, virtual_anchor_of) = floor_plan::virtual_anchors(&channel)?;
-        Ok(Self { channel, trajectory, virtual_anchors, virtual_anchor_of })
+        let floor_plan = floor_plan::of(&channel)?;
+        Ok(Self { channel, trajectory, floor_plan })
     }
 
     /// The channel behind it.
     pub fn channel(&self) -> &Channel {
         &self.channel
+    }
+
+    /// Index of the trajectory.
+    pub fn trajectory(&self) -> usize {
+        self.trajectory
+    }
+
+    /// The virtual anchor of the recording that an anchor's image source is; none for the anchor itself and for what
+    /// no position of the way sees.
+    pub fn virtual_anchor(&self, anchor: usize, source: usize) -> Option<usize> {
+        self.floor_plan.index_of.get(anchor)?.get(source).copied().flatten()
+    }
+
+    /// Reflections of a virtual anchor of the recording; 0 for one that is not there.
+    pub fn order(&self, virtual_anchor: usize) -> usize {
+        let images = self.floor_plan.index_of.iter().enumerate().find_map(|(anchor, sources)| {
+            let source = sources.iter().position(|index| *index == Some(virtual_anchor))?;
+            Some(self.channel.images(anchor)[source].order)
+        });
+        images.unwrap_or(0)
     }
 
     /// Number of cycles.
@@ -108,7 +126,7 @@ impl Simulator {
                     height_m: anchor.height_m,
                 })
                 .collect(),
-            virtual_anchors: self.virtual_anchors.clone(),
+            virtual_anchors: self.floor_plan.virtual_anchors.clone(),
             actions: receiver
                 .actions
                 .iter()
@@ -222,9 +240,9 @@ impl Simulator {
     fn truth_path(&self, anchor: usize, component: &Component, gain: f64) -> TruthPath {
         TruthPath {
             anchor,
-            virtual_anchor: self.virtual_anchor_of[anchor][component.source],
+            virtual_anchor: self.floor_plan.index_of[anchor][component.source],
             delay_s: component.delay_s,
-            magnitude: component.magnitude * gain,
+            magnitude: component.magnitude() * gain,
             sinr: component.sinr,
         }
     }

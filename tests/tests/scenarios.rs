@@ -315,7 +315,7 @@ fn complete() -> Vec<toml::Table> {
         variant(
             "pulse = { shape = \"sampled\", spacing_s = 2.5e-10, samples = [[0.0, 0.0], [1.0, 0.0]] }",
             "library = \"wide\"",
-            "window.first-path = { sample = 40 }",
+            "window.first_path = { sample = 40 }",
         ),
         variant("pulse.shape = \"hrp\"", "", ""),
     ]

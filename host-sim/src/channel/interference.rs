@@ -143,7 +143,7 @@ impl Interferer {
                 let direct_s = channel.direct_delay_s(cycle, anchor);
                 let components = channel.components(cycle, anchor, action);
                 for component in components.into_iter().filter(|component| component.sinr >= USED_SINR) {
-                    let power = component.magnitude * component.magnitude;
+                    let power = component.amplitude.norm_sqr();
                     let density = self.profile.density(component.delay_s - direct_s - self.onset_s);
                     paths.push(UsedPath {
                         power,

@@ -86,12 +86,19 @@ pub struct Component {
     pub source: usize,
     /// Delay of propagation, seconds.
     pub delay_s: f64,
-    /// Largest magnitude of its response after the matched filter, in standard deviations of the noise.
-    pub magnitude: f64,
+    /// Its response after the matched filter where that is largest, in standard deviations of the noise.
+    pub amplitude: Complex64,
     /// How much later than its delay the response peaks, seconds: layered walls are not mirrors.
     pub shift_s: f64,
     /// Its power over noise, dense multipath and interference at its delay.
     pub sinr: f64,
+}
+
+impl Component {
+    /// Magnitude of its response at its largest.
+    pub fn magnitude(&self) -> f64 {
+        self.amplitude.norm_sqr().sqrt()
+    }
 }
 
 /// The channel between all anchors of a scenario and the tag on one of its trajectories.
@@ -325,27 +332,28 @@ impl Channel {
         // Over a few lattice points the phase hardly turns: their sums are enough to look around the peak with.
         const TOGETHER: usize = 4;
         let sums: Vec<Complex64> = spectrum.chunks(TOGETHER).map(|chunk| chunk.iter().sum()).collect();
+        let band = &self.bands[action];
         let step_hz = TOGETHER as f64 * self.lattice.step_hz();
-        let magnitude_at = |shift_s: f64| {
+        let first_hz = self.lattice.frequency_hz(band.first) - band.carrier_hz
+            + 0.5 * (TOGETHER - 1) as f64 * self.lattice.step_hz();
+        let amplitude_at = |shift_s: f64| {
             let turn = cis(std::f64::consts::TAU * step_hz * shift_s);
-            sums.iter()
-                .rev()
-                .fold(Complex64::new(0.0, 0.0), |sum, value| sum * turn + value)
-                .norm_sqr()
-                .sqrt()
+            let sum = sums.iter().rev().fold(Complex64::new(0.0, 0.0), |sum, value| sum * turn + value);
+            sum * cis(std::f64::consts::TAU * first_hz * shift_s)
         };
-        let (magnitude, shift_s) = if path.is_mirrored_unchanged(&self.tables) {
-            (magnitude_at(0.0), 0.0)
+        let shift_s = if path.is_mirrored_unchanged(&self.tables) {
+            0.0
         } else {
-            peak(magnitude_at, 0.5 * self.bands[action].spectrum.duration_s())
+            peak(|shift_s| amplitude_at(shift_s).norm_sqr(), 0.5 * band.spectrum.duration_s())
         };
+        let amplitude = amplitude_at(shift_s);
         let disturbance = self.disturbance(cycle, anchor, action, path.delay_s());
         Component {
             source: path.source(),
             delay_s: path.delay_s(),
-            magnitude,
+            amplitude,
             shift_s,
-            sinr: magnitude * magnitude / disturbance,
+            sinr: amplitude.norm_sqr() / disturbance,
         }
     }
 
@@ -523,16 +531,14 @@ fn surroundings(poses: &[Pose]) -> ([f64; 2], f64) {
     (centre_m, poses.iter().map(squared).fold(0.0, f64::max).sqrt())
 }
 
-/// The largest value of a smooth single-peaked function within `reach` of zero, and where it is: five looks, then a
-/// parabola through the best and its neighbours.
-fn peak(value: impl Fn(f64) -> f64, reach: f64) -> (f64, f64) {
+/// Where a smooth single-peaked function is largest within `reach` of zero: five looks, then a parabola through the
+/// best and its neighbours.
+fn peak(value: impl Fn(f64) -> f64, reach: f64) -> f64 {
     let step = 0.5 * reach;
     let looks: Vec<f64> = (-2..=2).map(|n| value(f64::from(n) * step)).collect();
     let best = (1..4).max_by(|&a, &b| looks[a].total_cmp(&looks[b])).unwrap_or(2);
     let (left, middle, right) = (looks[best - 1], looks[best], looks[best + 1]);
     let bend = left - 2.0 * middle + right;
     let offset = if bend < 0.0 { (0.5 * (left - right) / bend).clamp(-1.0, 1.0) } else { 0.0 };
-    let shift = (best as f64 - 2.0 + offset) * step;
-    let refined = value(shift);
-    if refined > middle { (refined, shift) } else { (middle, (best as f64 - 2.0) * step) }
+    (best as f64 - 2.0 + offset) * step
 }

@@ -1,9 +1,9 @@
 //! People in the way: each an upright screen across the path, with diffraction at both edges (3GPP TR 38.901, 7.6.4.2,
 //! blockage model B, with a screen that is infinitely high).
 //!
-//! An edge leaves the share F = atan(+-(pi / 2) sqrt(pi / lambda (D_1 + D_2 - r))) / pi of the wave missing, where D_1
-//! + D_2 is the way round the edge and r the direct one; the sign of the nearer edge is negative where the screen does
-//! not reach the path. The amplitude is 1 - (F_1 + F_2).
+//! An edge leaves the share F = atan(+-(pi / 2) sqrt(pi / lambda (D - r))) / pi of the wave missing, where D is the way
+//! round the edge and r the direct one; the sign of the nearer edge is negative where the screen does not reach the
+//! path. The amplitude is 1 - (F_1 + F_2).
 
 use super::SPEED_OF_LIGHT_M_S;
 

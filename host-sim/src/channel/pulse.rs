@@ -20,6 +20,8 @@ pub struct PulseSpectrum {
     /// Inverse of the integral before scaling.
     scale: f64,
     effective_duration_s: f64,
+    /// P times the step, at the middles of equal parts of the band.
+    coarse: Vec<f64>,
     /// Beyond the first of these the receiver's filter begins to cut, at the second it has: hertz from the carrier.
     receiver_hz: [f64; 2],
 }
@@ -32,6 +34,8 @@ enum Shape {
 
 /// Points of the integrals over the band.
 const POINTS: usize = 4096;
+/// Points of the autocorrelation: enough for lags of 30 pulse durations.
+const COARSE_POINTS: usize = 128;
 
 impl PulseSpectrum {
     /// The spectrum of `pulse` of duration `duration_s` in a receiver that samples every `sample_spacing_s`: from 0.8
@@ -54,10 +58,14 @@ impl PulseSpectrum {
             half_band_hz: band_hz.min(nyquist_hz),
             scale: 1.0,
             effective_duration_s: 0.0,
+            coarse: Vec::new(),
             receiver_hz: [0.8 * nyquist_hz, nyquist_hz],
         };
         spectrum.scale = 1.0 / spectrum.integral(|_, power| power);
         spectrum.effective_duration_s = spectrum.integral(|_, power| power * power);
+        let step_hz = 2.0 * spectrum.half_band_hz / COARSE_POINTS as f64;
+        let middle_hz = |n: usize| -spectrum.half_band_hz + (n as f64 + 0.5) * step_hz;
+        spectrum.coarse = (0..COARSE_POINTS).map(|n| spectrum.power(middle_hz(n)) * step_hz).collect();
         spectrum
     }
 
@@ -117,6 +125,20 @@ impl PulseSpectrum {
     pub fn rms_bandwidth_hz(&self) -> f64 {
         let mean = self.integral(|offset_hz, power| power * offset_hz);
         self.integral(|offset_hz, power| power * (offset_hz - mean) * (offset_hz - mean)).sqrt()
+    }
+
+    /// The pulse after the matched filter, R(t) = int P cos(2 pi f t) df at a lag, with its first two derivatives.
+    pub fn autocorrelation(&self, lag_s: f64) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        let step_hz = 2.0 * self.half_band_hz / self.coarse.len() as f64;
+        for (n, power) in self.coarse.iter().enumerate() {
+            let turn = std::f64::consts::TAU * (-self.half_band_hz + (n as f64 + 0.5) * step_hz);
+            let (sin, cos) = libm::sincos(turn * lag_s);
+            sum[0] += power * cos;
+            sum[1] -= power * turn * sin;
+            sum[2] -= power * turn * turn * cos;
+        }
+        sum
     }
 
     /// Share of what `other`, `distance_hz` away, sends that this pulse's matched filter keeps, over what it would
@@ -188,6 +210,20 @@ mod tests {
             let error = (sampled.power(offset_hz) - closed.power(offset_hz)) / closed.power(0.0);
             assert!(error.abs() < 2e-4, "{offset_hz}: {error}");
         }
+    }
+
+    #[test]
+    fn the_autocorrelation_is_the_raised_cosine_pulse_with_its_bandwidth_as_curvature() {
+        let pulse = PulseSpectrum::root_raised_cosine(0.5e-9, 0.6);
+        let pi = std::f64::consts::PI;
+        for n in 0..12 {
+            let x = 0.37 * f64::from(n) + 1e-9;
+            let expected = (pi * x).sin() / (pi * x) * (pi * 0.6 * x).cos() / (1.0 - (1.2 * x).powi(2));
+            assert!((pulse.autocorrelation(x * 0.5e-9)[0] - expected).abs() < 1e-4, "{x}");
+        }
+        let [one, flat, bend] = pulse.autocorrelation(0.0);
+        assert!((one - 1.0).abs() < 1e-4 && flat.abs() < 1.0);
+        assert!((bend / -(std::f64::consts::TAU * 633.6626e6).powi(2) - 1.0).abs() < 1e-3);
     }
 
     #[test]

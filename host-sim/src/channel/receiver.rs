@@ -1,21 +1,7 @@
 //! The receiver of a scenario with every default filled in, and what it makes of a channel's samples.
 
-use crate::scenario::{
-    Action, Converter, Library, Log, NamedLibrary, Pulse, Radio, RadioKind, Schedule, Window,
-};
-use cogmint_core::controller::library;
+use crate::scenario::{Action, Converter, Log, Pulse, Radio, Schedule, Window};
 use rustfft::num_complex::Complex64;
-
-/// Sampling rate of the DW1000 and DW3000 accumulator: two samples per chip of 499.2 MHz.
-const DW_SPACING_S: f64 = 1.0 / 998.4e6;
-/// Accumulator length at 64 MHz pulse repetition.
-const DW_SAMPLES: usize = 1016;
-/// Where the DW radios place the first path in the accumulator.
-const DW_FIRST_PATH: usize = 740;
-/// Channels 5, 6, 8 and 9 of IEEE 802.15.4 HRP, hertz: what Europe admits without mitigation.
-const HRP_EUROPE_HZ: [f64; 4] = [6489.6e6, 6988.8e6, 7488.0e6, 7987.2e6];
-/// Carrier that a sounder starts with, hertz.
-const START_CARRIER_HZ: f64 = 7e9;
 
 /// A radio with every default filled in.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,45 +31,17 @@ pub struct Receiver {
 impl Receiver {
     /// What a scenario's radio is.
     pub fn new(radio: &Radio) -> Self {
-        let is_sounder = radio.kind == RadioKind::Sounder;
-        let library = radio.library.clone().unwrap_or(Library::Named(match radio.kind {
-            RadioKind::Sounder => NamedLibrary::Published,
-            RadioKind::Dw1000 => NamedLibrary::Dw1000,
-            RadioKind::Dw3000 => NamedLibrary::Dw3000,
-        }));
-        let actions = actions(&library);
-        let distance = |action: &Action| (action.carrier_hz - START_CARRIER_HZ).abs();
-        let nearest =
-            (0..actions.len()).min_by(|&a, &b| distance(&actions[a]).total_cmp(&distance(&actions[b])));
-        let first_action = radio.first_action.unwrap_or(if is_sounder { nearest.unwrap_or(0) } else { 0 });
-        let bits = match radio.kind {
-            RadioKind::Sounder => None,
-            RadioKind::Dw1000 => Some(16),
-            RadioKind::Dw3000 => Some(18),
-        };
         Self {
-            pulse: radio.pulse.clone().unwrap_or(if is_sounder {
-                Pulse::RootRaisedCosine { roll_off: 0.6 }
-            } else {
-                Pulse::Hrp
-            }),
-            first_action,
+            pulse: radio.pulse(),
+            actions: radio.actions(),
+            first_action: radio.first_action(),
             schedule: radio.schedule,
-            sample_spacing_s: radio.sample_spacing_s.unwrap_or(if is_sounder {
-                0.25e-9
-            } else {
-                DW_SPACING_S
-            }),
-            samples: radio.samples.unwrap_or(if is_sounder { 400 } else { DW_SAMPLES }),
-            window: radio.window.unwrap_or(if is_sounder {
-                Window::Absolute { first_sample_delay_s: 0.0 }
-            } else {
-                Window::FirstPath { sample: DW_FIRST_PATH.min(radio.samples.unwrap_or(DW_SAMPLES) * 3 / 4) }
-            }),
-            converter: radio.converter.or(bits.map(|bits| Converter { bits, level: 0.5 })),
-            random_phase: radio.random_phase.unwrap_or(!is_sounder),
+            sample_spacing_s: radio.sample_spacing_s(),
+            samples: radio.samples(),
+            window: radio.window(),
+            converter: radio.converter(),
+            random_phase: radio.random_phase(),
             log: radio.log,
-            actions,
         }
     }
 
@@ -99,28 +57,6 @@ impl Receiver {
                 let pi = std::f64::consts::PI;
                 ((product * product - 1.0 / 12.0) / (0.25 - 2.0 / (pi * pi))).clamp(0.0, 1.0).sqrt()
             }
-        }
-    }
-}
-
-/// The entries of a library.
-pub fn actions(library: &Library) -> Vec<Action> {
-    let of_core = |entries: &[library::Action]| {
-        let action = |entry: &library::Action| Action {
-            // The core holds single precision; carriers are whole multiples of 100 kHz and pulses of 1 ps.
-            carrier_hz: libm::round(f64::from(entry.carrier_hz) / 1e5) * 1e5,
-            pulse_duration_s: libm::round(f64::from(entry.pulse_duration_s) * 1e12) * 1e-12,
-        };
-        entries.iter().map(action).collect()
-    };
-    match library {
-        Library::Listed(actions) => actions.clone(),
-        Library::Named(NamedLibrary::Published) => of_core(&library::LIBRARY_PUBLISHED),
-        Library::Named(NamedLibrary::Wide) => of_core(&library::LIBRARY_WIDE),
-        Library::Named(NamedLibrary::Dw1000) => of_core(&library::LIBRARY_DW1000),
-        Library::Named(NamedLibrary::Dw3000) => of_core(&library::LIBRARY_DW3000),
-        Library::Named(NamedLibrary::HrpEurope) => {
-            HRP_EUROPE_HZ.map(|carrier_hz| Action { carrier_hz, pulse_duration_s: 2e-9 }).to_vec()
         }
     }
 }
@@ -144,23 +80,6 @@ impl Converter {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_sounder_starts_nearest_to_seven_gigahertz() {
-        let receiver = Receiver::new(&Radio::default());
-        assert_eq!(receiver.actions[receiver.first_action].carrier_hz, 7e9);
-        assert_eq!(receiver.actions.len(), 40);
-        assert_eq!(receiver.samples, 400);
-    }
-
-    #[test]
-    fn a_dw3000_has_two_channels_eighteen_bits_and_random_phases() {
-        let receiver = Receiver::new(&Radio { kind: RadioKind::Dw3000, ..Radio::default() });
-        assert_eq!(receiver.actions.iter().map(|a| a.carrier_hz).collect::<Vec<_>>(), [6489.6e6, 7987.2e6]);
-        assert_eq!(receiver.converter.map(|converter| converter.bits), Some(18));
-        assert!(receiver.random_phase);
-        assert!((receiver.sample_spacing_s - 1.0016e-9).abs() < 1e-13);
-    }
 
     #[test]
     fn a_converter_rounds_to_counts_and_clips_beyond_full_scale() {

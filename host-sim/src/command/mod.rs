@@ -2,6 +2,7 @@
 
 pub mod demo;
 pub mod import;
+pub mod plot;
 pub mod scenario;
 pub mod simulate;
 pub mod trace;

@@ -9,8 +9,8 @@ use crate::scenario::{Position, Trajectory, Way, Waypoint};
 /// No way has more poses than this.
 pub const MAX_POSES: usize = 1_000_000;
 
-/// A pose this little past the end of a way still belongs to it, metres or seconds.
-const ROUNDING: f64 = 1e-9;
+/// A pose this little past the end of a way still belongs to it, in steps.
+pub(crate) const ROUNDING: f64 = 1e-6;
 
 /// Where a tag is in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,7 +107,7 @@ fn sampled(
     key: &str,
 ) -> Result<Vec<Pose>, InputError> {
     // As a float: a way may have more steps than an integer holds.
-    let steps = ((end(stations) + ROUNDING) / step).floor();
+    let steps = (end(stations) / step + ROUNDING).floor();
     let all = if steps < MAX_POSES as f64 { steps as usize + 1 } else { usize::MAX };
     if all == usize::MAX && trajectory.cycles.is_none_or(|wanted| wanted > MAX_POSES) {
         return Err(InputError::new(file, format!("is {step}, which gives more than {MAX_POSES} cycles"))

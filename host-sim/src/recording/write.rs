@@ -189,16 +189,13 @@ fn write_truth_paths<W: Write + io::Seek>(
         .iter()
         .flat_map(|(_, path)| path.virtual_anchor.map_or(DIRECT_PATH, |index| index as u16).to_le_bytes());
     archive.add("truth_path_virtual_anchor", Element::U16, &shape, sources)?;
-    let columns: [(&str, fn(&TruthPath) -> f64); 3] = [
-        ("truth_path_delay_s", |path| path.delay_s),
-        ("truth_path_magnitude", |path| path.magnitude),
-        ("truth_path_sinr", |path| path.sinr),
-    ];
-    for (name, value) in columns {
+    let mut add = |name, value: &dyn Fn(&TruthPath) -> f64| {
         let bytes = paths.iter().flat_map(|(_, path)| value(path).to_le_bytes());
-        archive.add(name, Element::F64, &shape, bytes)?;
-    }
-    Ok(())
+        archive.add(name, Element::F64, &shape, bytes)
+    };
+    add("truth_path_delay_s", &|path| path.delay_s)?;
+    add("truth_path_magnitude", &|path| path.magnitude)?;
+    add("truth_path_sinr", &|path| path.sinr)
 }
 
 /// All items of all cycles, each with the index of its cycle.
@@ -285,7 +282,9 @@ mod tests {
         // Magnitudes, without anything optional, over the first one.
         recording.start.disc_radius_m = None;
         recording.virtual_anchors.clear();
+        recording.walls.clear();
         for cycle in &mut recording.cycles {
+            cycle.truth_paths.clear();
             cycle.truth_position_m = None;
             cycle.tag_height_m = None;
             cycle.ranges.clear();

@@ -10,7 +10,7 @@ use super::construction::{self, construction_names, material_names, walls};
 use super::{
     Construction, Library, NamedLibrary, Part, Position, Pulse, Room, Scenario, Trajectory, Way, Window,
 };
-use crate::geometry::Wall;
+use crate::geometry::{Wall, polygon, trajectory};
 use crate::input_error::{InputError, number};
 use crate::recording::npz::printable;
 
@@ -230,7 +230,7 @@ impl Scenario {
         if !(extent > 0.0) {
             return Err(Fault::at(&way_key, "leads nowhere").allowed("a way of some length"));
         }
-        let has = (extent + 1e-6).floor() + 1.0;
+        let has = (extent + trajectory::ROUNDING).floor() + 1.0;
         match trajectory.cycles {
             Some(cycles) if cycles as f64 > has => {
                 let reason = format!("is {cycles}, more than the way has");
@@ -272,7 +272,7 @@ impl Scenario {
             && sample >= radio.samples()
         {
             let reason = format!("is {sample} in frames of {} samples", radio.samples());
-            return Err(Fault::at("radio.window.first-path.sample", reason)
+            return Err(Fault::at("radio.window.first_path.sample", reason)
                 .allowed(format!("0 to {}", radio.samples() - 1)));
         }
         let spacing_s = radio.sample_spacing_s();
@@ -417,50 +417,6 @@ fn area_m2(corners_m: &[Position]) -> f64 {
     let next = corners_m.iter().cycle().skip(1);
     0.5 * corners_m.iter().zip(next).map(|([x, y], [u, v])| x * v - u * y).sum::<f64>().abs()
 }
-
-// ---- To be replaced by `crate::geometry::polygon` at the merge: from here ... ----
-mod polygon {
-    use super::{Position, Wall, distance_m, meet, turn};
-
-    pub(super) fn self_intersection(corners_m: &[Position]) -> Option<(usize, usize)> {
-        let count = corners_m.len();
-        let side = |n: usize| Wall { ends_m: [corners_m[n], corners_m[(n + 1) % count]], construction: 0 };
-        let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |other| (one, other)));
-        let mut meeting = pairs.filter(|&(one, other)| {
-            let neighbours = other == one + 1 || (one == 0 && other == count - 1);
-            if neighbours { overlap(&side(one), &side(other)) } else { meet(&side(one), &side(other)) }
-        });
-        meeting.next()
-    }
-
-    /// Whether two walls run along each other for more than a point.
-    pub(super) fn overlap(one: &Wall, other: &Wall) -> bool {
-        let ([a, b], [c, d]) = (one.ends_m, other.ends_m);
-        let length_m = distance_m(a, b);
-        let along = |[x, y]: Position| ((x - a[0]) * (b[0] - a[0]) + (y - a[1]) * (b[1] - a[1])) / length_m;
-        let off = |point| turn(a, b, point).abs() / length_m;
-        let (from, to) = (along(c).min(along(d)), along(c).max(along(d)));
-        off(c) < 1e-6 && off(d) < 1e-6 && from.max(0.0) + 1e-6 < to.min(length_m)
-    }
-
-    pub(super) fn contains(corners_m: &[Position], [x, y]: Position) -> bool {
-        let next = corners_m.iter().cycle().skip(1);
-        let crossings = corners_m.iter().zip(next).filter(|([ax, ay], [bx, by])| {
-            (*ay > y) != (*by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax)
-        });
-        crossings.count() % 2 == 1
-    }
-
-    pub(super) fn distance_to_wall(wall: &Wall, [x, y]: Position) -> f64 {
-        let [[ax, ay], [bx, by]] = wall.ends_m;
-        let (dx, dy) = (bx - ax, by - ay);
-        let squared = dx * dx + dy * dy;
-        let share = if squared > 0.0 { ((x - ax) * dx + (y - ay) * dy) / squared } else { 0.0 };
-        let share = share.clamp(0.0, 1.0);
-        distance_m([x, y], [ax + share * dx, ay + share * dy])
-    }
-}
-// ---- ... to here. ----
 
 #[cfg(test)]
 mod tests {
@@ -690,7 +646,7 @@ mod tests {
         });
         assert_says(&said, &["`radio.first_action` is 2 in a library of 2; allowed is 0 to 1"]);
         let said = refusal_after(|scenario| scenario.radio.window = Some(Window::FirstPath { sample: 400 }));
-        assert_says(&said, &["`radio.window.first-path.sample` is 400", "0 to 399"]);
+        assert_says(&said, &["`radio.window.first_path.sample` is 400", "0 to 399"]);
     }
 
     #[test]

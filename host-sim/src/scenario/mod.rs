@@ -511,7 +511,7 @@ pub enum Schedule {
 
 /// How the samples of a frame lie in time: exactly one of the keys.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Window {
     /// Every frame starts at this delay after transmission (the sounder: 0).
     Absolute {

@@ -142,8 +142,8 @@ mod tests {
             &["`radio.library.0.pulse_duration_s` is missing"],
         );
         assert_says(
-            &after("window = { absolute = { first_sample_delay_s = 0.0 }, first-path = { sample = 1 } }"),
-            &["`radio.window` holds absolute, first-path; allowed is absolute or first-path."],
+            &after("window = { absolute = { first_sample_delay_s = 0.0 }, first_path = { sample = 1 } }"),
+            &["`radio.window` holds absolute, first_path; allowed is absolute or first_path."],
         );
         assert_says(
             &refusal_after(name, "[errors]", "[constructions.wall]\nlayer = []\n[errors]"),

@@ -12,7 +12,7 @@
 
 use super::gram::Square;
 use super::magnitude::parabola_vertex;
-use super::noise::{LevelWalk, NoiseLevel, TrimmedMean, level_at, level_floor, white_level};
+use super::noise::{LevelWalk, NoiseLevel, TrimmedMean, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
 use crate::observation::Complex;
 use crate::real::{abs, larger, smaller, sqrt};
@@ -151,7 +151,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         self.noise = NoiseLevel { white, dense, onset_samples: onset };
         let noise = self.noise;
         for component in &mut self.components {
-            component.level = level_at(&noise, component.position, spacing);
+            component.level = noise.level(component.position, spacing);
         }
     }
 
@@ -189,7 +189,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         }
         let position = n as f32 + parabola_vertex(left, gain, right);
         let s = larger(self.uncertainty(position), SMALLEST_S);
-        let level = level_at(&self.noise, position, spacing);
+        let level = self.noise.level(position, spacing);
         let matched = self.estimator.interpolation.at(self.samples, position);
         let mut residual = matched;
         for component in &self.components {
@@ -251,7 +251,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                     break;
                 }
                 let matched = self.estimator.interpolation.at(self.samples, position);
-                let level = level_at(&self.noise, position, self.estimator.sample_spacing_s);
+                let level = self.noise.level(position, self.estimator.sample_spacing_s);
                 if let Some(component) = self.components.get_mut(k) {
                     component.position = position;
                     component.matched = matched;

@@ -29,6 +29,12 @@ impl NoiseLevel {
     pub(super) fn white(white: f32) -> Self {
         Self { white, dense: 0.0, onset_samples: 0.0 }
     }
+
+    /// Level `position` samples into a frame whose samples are `sample_spacing_s` seconds apart, in squared units of
+    /// the samples.
+    pub fn level(&self, position: f32, sample_spacing_s: f32) -> f32 {
+        self.white + self.dense * profile((position - self.onset_samples) * sample_spacing_s)
+    }
 }
 
 /// The dense multipath's power profile after the onset at a delay of `excess_s`, without its scale:
@@ -80,11 +86,6 @@ impl LevelWalk {
         }
         (1.0 - ONSET * self.rise) * self.decay
     }
-}
-
-/// The level at one position, samples into the frame.
-pub(super) fn level_at(noise: &NoiseLevel, position: f32, sample_spacing_s: f32) -> f32 {
-    noise.white + noise.dense * profile((position - noise.onset_samples) * sample_spacing_s)
 }
 
 /// Mean of exponentially distributed powers from those below five times a first guess of it. Cut off there, they
@@ -197,7 +198,7 @@ mod tests {
         let noise = NoiseLevel { white: 0.5, dense: 2.0, onset_samples: 10.3 };
         for n in 0..400 {
             let walked = 0.5 + 2.0 * walk.next(n);
-            assert!((walked - level_at(&noise, n as f32, 0.25e-9)).abs() < 1e-4);
+            assert!((walked - noise.level(n as f32, 0.25e-9)).abs() < 1e-4);
         }
     }
 }

@@ -1,0 +1,94 @@
+//! One cycle of a recording: the received signals with their true and estimated paths.
+
+use crate::input_error::InputError;
+use crate::plot::{ChannelFigure, ChannelPath, Picture};
+use crate::recording::{ARRAYS_FILE, Cycle, Frame, Recording, Samples};
+use crate::replay::PATHS;
+use cogmint_core::Config;
+use cogmint_core::observation;
+use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
+use cogmint_core::pulse::Pulse;
+use std::path::Path;
+
+/// The picture of a cycle: a panel per anchor with a frame, or for `anchor` alone. `folder` is where the recording is,
+/// for messages.
+///
+/// # Errors
+/// There is no such cycle or anchor, or nothing was received.
+pub fn picture(
+    recording: &Recording,
+    folder: &Path,
+    cycle: usize,
+    anchor: Option<usize>,
+) -> Result<Picture, InputError> {
+    let Some(received) = recording.cycles.get(cycle) else {
+        return Err(InputError::new(folder, format!("has no cycle {cycle}"))
+            .allowed(format!("0 to {}", recording.cycles.len() - 1)));
+    };
+    if let Some(anchor) = anchor.filter(|&anchor| anchor >= recording.anchors.len()) {
+        return Err(InputError::new(folder, format!("has no anchor {anchor}"))
+            .allowed(format!("0 to {}", recording.anchors.len() - 1)));
+    }
+    let wanted = |frame: &&Frame| anchor.is_none_or(|anchor| frame.anchor == anchor);
+    let panels: Vec<_> = received
+        .frames
+        .iter()
+        .filter(wanted)
+        .map(|frame| vec![panel(recording, received, cycle, frame).into()])
+        .collect();
+    if panels.is_empty() {
+        return Err(InputError::new(
+            folder.join(ARRAYS_FILE),
+            format!("holds no such frame in cycle {cycle}"),
+        )
+        .for_item("frame_cycle"));
+    }
+    Ok(Picture { rows: panels })
+}
+
+fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -> ChannelFigure {
+    let spacing_s = recording.radio.sample_spacing_s.unwrap_or(recording.radio.pulse_duration_s);
+    let action = &recording.actions[frame.action];
+    let first_s = frame.first_sample_delay_s;
+    let count = frame.samples.len();
+    let (magnitude, samples): (Vec<f64>, _) = match &frame.samples {
+        Samples::Complex(samples) => (
+            samples.iter().map(|[re, im]| f64::from(*re).hypot(f64::from(*im))).collect(),
+            observation::Samples::Complex(samples),
+        ),
+        Samples::Magnitude(samples) => {
+            (samples.iter().map(|m| f64::from(*m)).collect(), observation::Samples::Magnitude(samples))
+        }
+    };
+    let pulse =
+        Pulse { duration_s: action.pulse_duration_s as f32, roll_off: recording.radio.roll_off as f32 };
+    let false_paths = Config::default().radio.false_paths_per_frame;
+    let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s as f32, count, false_paths);
+    let estimate = estimator.estimate(samples, first_s as f32);
+    let estimated = estimate.paths.iter().map(|path| {
+        let [re, im] = path.amplitude.map(f64::from);
+        ChannelPath { delay_s: f64::from(path.delay_s), magnitude: re.hypot(im), label: String::new() }
+    });
+    let level = |n: usize| f64::from(estimate.noise.level(n as f32, spacing_s as f32)).sqrt();
+    let own_paths = received.truth_paths.iter().filter(|path| path.anchor == frame.anchor);
+    let true_paths = own_paths.map(|path| ChannelPath {
+        delay_s: path.delay_s,
+        magnitude: path.magnitude,
+        label: path.virtual_anchor.map_or_else(|| "direct".into(), |index| format!("VA {index}")),
+    });
+    ChannelFigure {
+        title: format!(
+            "{}, cycle {cycle}, anchor {}, {:.3} GHz",
+            recording.name,
+            recording.anchors[frame.anchor].name,
+            action.carrier_hz * 1e-9
+        ),
+        delay_s: (0..count).map(|n| first_s + n as f64 * spacing_s).collect(),
+        magnitude,
+        noise_level: (0..count).map(level).collect(),
+        true_paths: true_paths.collect(),
+        estimated_paths: estimated.collect(),
+        unit: "sample units".into(),
+        db: true,
+    }
+}
