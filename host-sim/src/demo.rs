@@ -1,11 +1,12 @@
-//! The main job: the built-in room, once with a fixed carrier and once with the tracker's own choice.
+//! The main job: the seminar room under interference, once with a fixed carrier and once with the tracker's own choice.
 
 use crate::input_error::InputError;
 use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, Span, TrackFigure};
 use crate::recording::Recording;
 use crate::replay::{SMALL_ANCHORS, Setup, Step, input, step};
-use crate::room::{FIRST_ACTION, Room};
+use crate::scenario::{Fading, Interference, Library, NamedLibrary, Part, Profile, Scenario, Strength};
 use crate::score::Score;
+use crate::simulator::Simulator;
 use std::path::Path;
 
 /// One run through the room.
@@ -23,15 +24,56 @@ pub struct Run {
     pub score: Score,
 }
 
-/// Runs the room with the tracker choosing carriers (`cognitive`) or staying at the first one.
+/// Share of the way on which the interferer is on.
+const INTERFERED: Part = Part([0.35, 0.75]);
+/// Median SINR that it leaves to the paths in use, at 7 GHz: hardly any can be found.
+const LEFT_SINR_DB: f64 = -8.0;
+
+/// The built-in seminar room with carriers to get away to and an interferer to get away from, `cycles` cycles of its
+/// first trajectory (at most all of it) with one seed.
+///
+/// # Errors
+/// None: the scenario is built in.
+pub fn seminar_room(seed: u64, cycles: usize) -> Result<Simulator, InputError> {
+    let (mut scenario, _) = Scenario::find("seminar-room")?;
+    scenario.radio.library = Some(Library::Named(NamedLibrary::Wide));
+    scenario.interference = vec![Interference {
+        during: INTERFERED,
+        // It keeps no time with the anchors: the same at every delay.
+        profile: Profile { rise_s: 1e-11, decay_s: 1e-6, chi: 0.0 },
+        onset_s: -200e-9,
+        fading: Fading::Independent,
+        ..Interference::of(Strength::MedianSinrDb(LEFT_SINR_DB))
+    }];
+    if let Some(way) = scenario.trajectories.first_mut() {
+        way.cycles = Some(way.cycles.unwrap_or(cycles).min(cycles));
+    }
+    Simulator::new(&scenario, None, 0, Some(seed))
+}
+
+/// Cycles during which the first interferer transmits, from and to.
+pub fn interfered(simulator: &Simulator) -> [usize; 2] {
+    let channel = simulator.channel();
+    let part =
+        channel.scenario().interference.first().map(|interference| channel.cycles_of(interference.during));
+    part.map_or([0, 0], |cycles| [cycles.start, cycles.end])
+}
+
+/// Runs a scenario with the tracker choosing carriers (`cognitive`) or staying at the first one.
 ///
 /// # Errors
 /// The core refuses something, which would be a defect.
-pub fn run(room: &Room, cognitive: bool, seed: u64, mut on_cycle: impl FnMut()) -> Result<Run, InputError> {
-    let file = Path::new("the built-in room");
+pub fn run(
+    simulator: &Simulator,
+    cognitive: bool,
+    seed: u64,
+    mut on_cycle: impl FnMut(),
+) -> Result<Run, InputError> {
+    let file = Path::new(&simulator.channel().scenario().name);
     let refused = |error: cogmint_core::Error| InputError::new(file, error.to_string());
-    let mut recording = room.before();
-    recording.cycles.push(room.cycle(0, FIRST_ACTION));
+    let first_action = simulator.channel().receiver().first_action;
+    let mut recording = simulator.before();
+    recording.cycles.push(simulator.cycle(0, first_action));
     let mut setup = Setup::new(&recording, file, Some(seed))?;
     if !cognitive {
         setup.config.controller.planned_actions = 0;
@@ -39,13 +81,13 @@ pub fn run(room: &Room, cognitive: bool, seed: u64, mut on_cycle: impl FnMut()) 
     let mut tracker = setup.tracker::<SMALL_ANCHORS>().map_err(refused)?;
     let mut steps: Vec<Step> = Vec::new();
     let mut errors_m = Vec::new();
-    for cycle in 0..room.cycles() {
-        let action = steps.last().map_or(FIRST_ACTION, |step: &Step| step.report.next_action);
-        let received = room.cycle(cycle, action);
+    for cycle in 0..simulator.cycles() {
+        let action = steps.last().map_or(first_action, |step: &Step| step.report.next_action);
+        let received = simulator.cycle(cycle, action);
         let previous_s = cycle.checked_sub(1).map(|previous| recording.cycles[previous].time_s);
         let input = input(&recording, &received, previous_s);
         let step = step(&mut tracker, &input, &mut ()).map_err(refused)?;
-        let [x, y] = room.position_m(cycle);
+        let [x, y] = simulator.channel().poses()[cycle].position_m;
         let [u, v] = step.report.position_m;
         errors_m.push((x - f64::from(u)).hypot(y - f64::from(v)));
         steps.push(step);
@@ -61,12 +103,12 @@ pub fn run(room: &Room, cognitive: bool, seed: u64, mut on_cycle: impl FnMut()) 
 }
 
 /// The picture of a comparison: the tracks beside the errors, carriers and entropies over the cycles.
-pub fn picture(room: &Room, runs: &[Run]) -> Picture {
+pub fn picture(simulator: &Simulator, runs: &[Run]) -> Picture {
     let Some(first) = runs.first() else { return Picture { rows: Vec::new() } };
     let position = |step: &Step| step.report.position_m.map(f64::from);
     let track = TrackFigure {
-        title: "Built-in room: true way and estimates".into(),
-        truth: (0..room.cycles()).map(|cycle| room.position_m(cycle)).collect(),
+        title: format!("{}: true way and estimates", simulator.channel().scenario().name),
+        truth: simulator.channel().poses().iter().map(|pose| pose.position_m).collect(),
         estimates: runs
             .iter()
             .map(|run| (run.name.into(), run.steps.iter().map(position).collect()))
@@ -83,7 +125,7 @@ pub fn picture(room: &Room, runs: &[Run]) -> Picture {
                 is_truth: true,
             })
             .collect(),
-        walls: room.walls(),
+        walls: first.recording.walls.clone(),
         ellipses: Vec::new(),
     };
     let over_cycles =
@@ -100,8 +142,8 @@ pub fn picture(room: &Room, runs: &[Run]) -> Picture {
                 })
                 .collect(),
             spans: vec![Span {
-                from: room.interfered()[0] as f64,
-                to: room.interfered()[1] as f64,
+                from: interfered(simulator)[0] as f64,
+                to: interfered(simulator)[1] as f64,
                 label: "interferer at 7 GHz".into(),
             }],
             log_y,

@@ -1,4 +1,5 @@
-//! The host side of cogmint: recordings, importers, the built-in room, the float reference and the plots.
+//! The host side of cogmint: scenarios and the channel simulator, recordings and importers, the float reference, scores
+//! and figures.
 
 pub mod bound;
 pub mod channel;
@@ -11,7 +12,6 @@ pub mod plot;
 pub mod recording;
 pub mod reference;
 pub mod replay;
-pub mod room;
 pub mod scenario;
 pub mod score;
 pub mod simulator;

@@ -27,7 +27,7 @@ fn refused(output: &Output, parts: &[&str]) {
 
 /// A small recording in `folder`, made by the library.
 fn small_recording(folder: &Path) {
-    let room = cogmint::room::Room::new(1, 12);
+    let room = cogmint::demo::seminar_room(1, 12).unwrap();
     let run = cogmint::demo::run(&room, true, 1, || {}).unwrap();
     run.recording.write(folder).unwrap();
 }

@@ -84,11 +84,6 @@ impl Lattice {
         [-guard * self.spacing_s, (self.samples as f64 + guard) * self.spacing_s]
     }
 
-    /// Length of one period, seconds.
-    pub fn period_s(&self) -> f64 {
-        self.length as f64 * self.spacing_s
-    }
-
     /// Most lattice points that a band can have.
     pub fn widest_band(&self) -> usize {
         self.length

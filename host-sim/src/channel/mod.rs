@@ -27,7 +27,7 @@ use crate::geometry::Wall;
 use crate::geometry::image_source::{ImageSource, image_sources};
 use crate::geometry::trajectory::{self, Pose};
 use crate::input_error::InputError;
-use crate::scenario::{self, Fading, Scenario, construction};
+use crate::scenario::{self, Fading, Scenario, Window, construction};
 use dense_multipath::{ProfileTable, Scatterers, View};
 use interference::Interferer;
 use lattice::{Lattice, Scratch};
@@ -119,6 +119,10 @@ pub struct Channel {
     /// Per anchor, unless drawn anew for every frame.
     scatterers: Vec<Scatterers>,
     interferers: Vec<Interferer>,
+    /// Per anchor: least and largest delay of the straight line along the way, seconds.
+    direct_delays_s: Vec<[f64; 2]>,
+    /// Per anchor: least and largest delay that any frame shows, seconds.
+    frame_delays_s: Vec<[f64; 2]>,
     /// Centre of the trajectory, and its farthest point from there, metres.
     centre_m: [f64; 2],
     radius_m: f64,
@@ -174,9 +178,16 @@ impl Channel {
             bands,
             scatterers: Vec::new(),
             interferers: Vec::new(),
+            direct_delays_s: Vec::new(),
+            frame_delays_s: Vec::new(),
             centre_m,
             radius_m,
         };
+        for anchor in 0..scenario.anchors.len() {
+            let direct = (0..channel.poses.len()).map(|cycle| channel.direct_delay_s(cycle, anchor));
+            channel.direct_delays_s.push(extent(direct));
+            channel.frame_delays_s.push(channel.frame_delays_s(anchor));
+        }
         if scenario.dense_multipath.fading == Fading::Correlated {
             let profile = scenario.dense_multipath.profile;
             channel.scatterers = (0..scenario.anchors.len())
@@ -261,20 +272,43 @@ impl Channel {
         ((x - u) * (x - u) + (y - v) * (y - v) + up * up).sqrt() / SPEED_OF_LIGHT_M_S
     }
 
+    fn frame_delays_s(&self, anchor: usize) -> [f64; 2] {
+        let [before_s, after_s] = self.lattice.reach_s();
+        let errors = &self.scenario.errors;
+        let end_s = self.poses.last().map_or(0.0, |pose| pose.time_s);
+        let late_s = errors.clock_offset_s.abs()
+            + errors.clock_drift.abs() * end_s.abs()
+            + 6.0 * errors.timestamp_std_s;
+        let [first_s, last_s] = match self.receiver.window {
+            Window::Absolute { first_sample_delay_s } => {
+                [first_sample_delay_s - late_s, first_sample_delay_s + late_s]
+            }
+            Window::FirstPath { sample } => {
+                let starts = (0..self.poses.len()).map(|cycle| {
+                    self.first_path_s(cycle, anchor) - (sample + 1) as f64 * self.receiver.sample_spacing_s
+                });
+                let [first_s, last_s] = extent(starts);
+                [first_s, last_s + self.receiver.sample_spacing_s]
+            }
+        };
+        [first_s + before_s, last_s + after_s]
+    }
+
     /// Delay of the first path that exists, seconds; where there is none, of the straight line.
     pub fn first_path_s(&self, cycle: usize, anchor: usize) -> f64 {
         let delays = self.paths(cycle, anchor).into_iter().map(|path| path.delay_s());
         delays.reduce(f64::min).unwrap_or_else(|| self.direct_delay_s(cycle, anchor))
     }
 
-    /// Scatterers that cover every delay from an anchor that the profile reaches anywhere on the way.
+    /// Scatterers at every delay from an anchor that a profile beginning `onset_s` after the direct path and `length_s`
+    /// long reaches inside any frame of the way.
     fn scatterers(&self, anchor: usize, stream_of: &[usize], length_s: f64, onset_s: f64) -> Scatterers {
-        let delays = (0..self.poses.len()).map(|cycle| self.direct_delay_s(cycle, anchor));
-        let (nearest_s, farthest_s) =
-            delays.fold((f64::INFINITY, 0.0_f64), |(low, high), delay| (low.min(delay), high.max(delay)));
         let turn_s = self.radius_m / SPEED_OF_LIGHT_M_S;
-        let span_s = length_s.min(self.lattice.period_s());
-        let interval_s = [nearest_s + onset_s - turn_s, farthest_s + onset_s + turn_s + span_s];
+        let [nearest_s, farthest_s] = self.direct_delays_s[anchor];
+        let [earliest_s, latest_s] = self.frame_delays_s[anchor];
+        let from_s = (nearest_s + onset_s).max(earliest_s) - turn_s;
+        let to_s = (farthest_s + onset_s + length_s).min(latest_s) + turn_s;
+        let interval_s = [from_s, to_s.max(from_s)];
         let shortest = self.receiver.actions.iter().map(|a| a.pulse_duration_s).fold(f64::INFINITY, f64::min);
         let mut rng = stream(self.seed, Purpose::Scatterers, stream_of);
         Scatterers::new(&mut rng, self.centre_m, interval_s, SCATTERERS_PER_PULSE / shortest)
@@ -517,13 +551,17 @@ fn bands(receiver: &Receiver, lattice: &Lattice) -> (Vec<Band>, Vec<f64>) {
     (bands, points.into_iter().map(|point| lattice.frequency_hz(point)).collect())
 }
 
+fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+}
+
 /// Centre of a way and its farthest point from there, metres.
 fn surroundings(poses: &[Pose]) -> ([f64; 2], f64) {
-    let span = |axis: usize| {
-        let values = poses.iter().map(|pose| pose.position_m[axis]);
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+    let centre = |axis: usize| {
+        let [low, high] = extent(poses.iter().map(|pose| pose.position_m[axis]));
+        0.5 * (low + high)
     };
-    let centre_m = [0, 1].map(|axis| 0.5 * (span(axis).0 + span(axis).1));
+    let centre_m = [0, 1].map(centre);
     let squared = |pose: &Pose| {
         let [dx, dy] = [0, 1].map(|axis| pose.position_m[axis] - centre_m[axis]);
         dx * dx + dy * dy

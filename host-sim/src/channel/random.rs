@@ -1,7 +1,6 @@
 //! Randomness: one stream per purpose and frame, so that no frame depends on which were made before it.
 
 use rand_core::{Rng, SeedableRng};
-use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use rustfft::num_complex::Complex64;
 
@@ -45,13 +44,20 @@ pub fn uniform(rng: &mut impl Rng) -> f64 {
 
 /// Normal of unit variance.
 pub fn normal(rng: &mut impl Rng) -> f64 {
-    StandardNormal.sample(rng)
+    complex_normal(rng).re * std::f64::consts::SQRT_2
 }
 
-/// Circular complex normal of unit variance.
+/// Circular complex normal of unit variance, by the polar method (Marsaglia and Bray 1964): its only transcendental is
+/// libm's logarithm, so that the bits are the same everywhere.
 pub fn complex_normal(rng: &mut impl Rng) -> Complex64 {
-    let scale = std::f64::consts::FRAC_1_SQRT_2;
-    Complex64::new(normal(rng) * scale, normal(rng) * scale)
+    loop {
+        let (x, y) = (2.0 * uniform(rng) - 1.0, 2.0 * uniform(rng) - 1.0);
+        let square = x * x + y * y;
+        if square < 1.0 {
+            let scale = (-libm::log(square) / square).sqrt();
+            return Complex64::new(x * scale, y * scale);
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,8 @@
-//! `cogmint` without a command: the built-in room.
+//! `cogmint` without a command: the seminar room under interference.
 
 use super::{OUTPUT_FOLDER, metres, print, print_json, progress, write_picture};
 use crate::Failure;
-use cogmint::demo::{Run, picture, run as run_room};
-use cogmint::room::Room;
+use cogmint::demo::{Run, interfered, picture, run as run_room, seminar_room};
 use cogmint::score::Score;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -14,7 +13,7 @@ pub struct Options {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Cycles; the tag moves 1 cm in each.
-    #[arg(long, default_value_t = 800, value_parser = clap::value_parser!(u32).range(10..=100_000))]
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=1000))]
     cycles: u32,
     /// Where the figure goes, without extension.
     #[arg(long, value_name = "PATH")]
@@ -59,7 +58,7 @@ fn row<'a>(run: &'a Run, [from, to]: [usize; 2]) -> Row<'a> {
 }
 
 pub fn run(options: &Options) -> Result<(), Failure> {
-    let room = Room::new(options.seed, options.cycles as usize);
+    let room = seminar_room(options.seed, options.cycles as usize)?;
     let mut runs = Vec::new();
     for cognitive in [false, true] {
         let bar = progress(room.cycles(), if cognitive { "cognitive" } else { "fixed" });
@@ -68,11 +67,11 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     let to = options.plot.clone().unwrap_or_else(|| Path::new(OUTPUT_FOLDER).join("room"));
     let figure = write_picture(&picture(&room, &runs), &to)?;
-    let interfered_cycles = room.interfered();
+    let interfered_cycles = interfered(&room);
     let rows: Vec<Row<'_>> = runs.iter().map(|run| row(run, interfered_cycles)).collect();
     if options.json {
         return print_json(&Outcome {
-            room: "built-in",
+            room: "seminar-room",
             seed: options.seed,
             interfered_cycles,
             reward: "information gain",
@@ -82,7 +81,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     let [from, to] = interfered_cycles;
     print(&format!(
-        "Built-in room, two anchors, {} cycles of 1 cm; interferer 2 GHz wide at 7 GHz in cycles {from} to {to}.",
+        "Seminar room, two anchors, {} cycles of 1 cm; interferer 2 GHz wide at 7 GHz in cycles {from} to {to}.",
         options.cycles
     ));
     print("\ncarrier      RMSE m   before   under   after    90 % m   max m  diverged  switches  us/cycle");

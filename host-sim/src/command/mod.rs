@@ -12,7 +12,6 @@ pub mod verify;
 use crate::Failure;
 use cogmint::plot::Picture;
 use cogmint::recording::Recording;
-use cogmint::room::Room;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
@@ -60,7 +59,7 @@ fn write_picture(picture: &Picture, to: &Path) -> Result<[PathBuf; 2], Failure> 
     picture.write(to).map_err(failed)
 }
 
-/// The recording of a folder, or of the built-in room where none is given, with the name to speak of it.
+/// The recording of a folder, or of the built-in seminar room where none is given, with the name to speak of it.
 fn recording_or_room(
     folder: Option<&Path>,
     seed: u64,
@@ -69,9 +68,9 @@ fn recording_or_room(
     match folder {
         Some(folder) => Ok((Recording::read(folder)?, folder.to_owned())),
         None => {
-            let room = Room::new(seed, cycles);
+            let room = cogmint::demo::seminar_room(seed, cycles)?;
             let run = cogmint::demo::run(&room, true, seed, || {})?;
-            Ok((run.recording, PathBuf::from("the built-in room")))
+            Ok((run.recording, PathBuf::from("the seminar room")))
         }
     }
 }

@@ -9,13 +9,13 @@ use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Options {
-    /// A recording's folder; the built-in room where none is given.
+    /// A recording's folder; the seminar room where none is given.
     #[arg(long, value_name = "DIR")]
     recording: Option<PathBuf>,
     /// Cycles to trace.
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
     cycles: u32,
-    /// Seed of the built-in room and of the tracker.
+    /// Seed of the seminar room and of the tracker.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Write the feed that makes the firmware compute the same.

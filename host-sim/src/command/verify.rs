@@ -7,13 +7,13 @@ use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Options {
-    /// A recording's folder; the built-in room where none is given.
+    /// A recording's folder; the seminar room where none is given.
     #[arg(long, value_name = "DIR")]
     recording: Option<PathBuf>,
-    /// Cycles to compare: all of a recording, 200 of the built-in room where not given.
+    /// Cycles to compare: all of a recording, 200 of the seminar room where not given.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     cycles: Option<u32>,
-    /// Seed of the built-in room, of the start within the recording's prior and of the tracker.
+    /// Seed of the seminar room, of the start within the recording's prior and of the tracker.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Print one JSON object.
@@ -21,7 +21,7 @@ pub struct Options {
     json: bool,
 }
 
-/// Cycles of the built-in room.
+/// Cycles of the seminar room.
 const ROOM_CYCLES: usize = 200;
 
 pub fn run(options: &Options) -> Result<(), Failure> {

@@ -654,6 +654,23 @@ pub struct Interference {
     pub anchors: Vec<String>,
 }
 
+impl Interference {
+    /// An interferer of this strength that is 2 GHz wide at 7 GHz, on all the way, everything else by default.
+    pub fn of(strength: Strength) -> Self {
+        Self {
+            carrier_hz: defaults::interferer_hz(),
+            pulse_duration_s: defaults::interferer_pulse_s(),
+            roll_off: defaults::roll_off(),
+            during: Part::default(),
+            strength,
+            profile: Profile::default(),
+            onset_s: 0.0,
+            fading: Fading::default(),
+            anchors: Vec::new(),
+        }
+    }
+}
+
 /// Strength of an interferer: exactly one of the keys.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
