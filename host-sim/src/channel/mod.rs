@@ -23,19 +23,20 @@ pub mod random;
 pub mod receiver;
 pub mod wall;
 
-use crate::geometry::Wall;
 use crate::geometry::image_source::{ImageSource, image_sources};
 use crate::geometry::trajectory::{self, Pose};
+use crate::geometry::{Wall, polygon};
 use crate::input_error::InputError;
-use crate::scenario::{self, Fading, Scenario, Window, construction};
+use crate::scenario::{self, Fading, Scenario, Way, Window, construction};
 use dense_multipath::{ProfileTable, Scatterers, View};
 use interference::Interferer;
 use lattice::{Lattice, Scratch};
-use path::{Path, PathContext};
+use path::PathContext;
 use pulse::PulseSpectrum;
 use random::{Purpose, complex_normal, stream};
 use receiver::Receiver;
 use rustfft::num_complex::Complex64;
+use std::path::Path;
 use wall::{Slab, WallTable};
 
 /// Speed of light, m/s.
@@ -136,7 +137,7 @@ impl Channel {
     /// There is no such trajectory, or its file cannot be used.
     pub fn new(
         scenario: &Scenario,
-        folder: Option<&std::path::Path>,
+        folder: Option<&Path>,
         trajectory: usize,
         seed: Option<u64>,
     ) -> Result<Self, InputError> {
@@ -145,6 +146,9 @@ impl Channel {
                 .allowed(format!("0 to {}", scenario.trajectories.len() - 1)));
         };
         let poses = trajectory::poses(way, folder)?;
+        if let Way::Recorded { file } = &way.way {
+            stays_inside(&poses, &scenario.room, &folder.unwrap_or(Path::new("")).join(file))?;
+        }
         Self::along(scenario, poses, seed.unwrap_or(scenario.seed))
     }
 
@@ -315,7 +319,7 @@ impl Channel {
     }
 
     /// The paths that exist between an anchor and the tag.
-    pub fn paths(&self, cycle: usize, anchor: usize) -> Vec<Path> {
+    pub fn paths(&self, cycle: usize, anchor: usize) -> Vec<path::Path> {
         path::paths(&PathContext {
             scenario: &self.scenario,
             walls: &self.walls,
@@ -359,7 +363,7 @@ impl Channel {
     /// What the receiver makes of a path, from its spectrum.
     fn component(
         &self,
-        path: &Path,
+        path: &path::Path,
         spectrum: &[Complex64],
         [cycle, anchor, action]: [usize; 3],
     ) -> Component {
@@ -392,7 +396,7 @@ impl Channel {
     }
 
     /// Strength and phase of a path over a band, times the pulse, as if it arrived at the first sample.
-    fn path_spectrum(&self, path: &Path, cycle: usize, band: &Band, into: &mut Vec<Complex64>) {
+    fn path_spectrum(&self, path: &path::Path, cycle: usize, band: &Band, into: &mut Vec<Complex64>) {
         let time_s = self.poses[cycle].time_s;
         let amplitude = self.snr_at_1_m().sqrt()
             * path.gain()
@@ -491,6 +495,32 @@ pub struct FrameScratch {
     lattice: Scratch,
     total: Vec<Complex64>,
     path: Vec<Complex64>,
+}
+
+/// Recorded ways are not part of the scenario's own checks: they must stay inside the room and pass no wall.
+fn stays_inside(poses: &[Pose], room: &scenario::Room, file: &Path) -> Result<(), InputError> {
+    let walls = scenario::walls(room);
+    for (row, pose) in poses.iter().enumerate() {
+        let [x, y] = pose.position_m;
+        // One line for the header, and lines count from 1.
+        let refuse = |reason: String| {
+            InputError::new(file, reason)
+                .at_line(row as u64 + 2)
+                .allowed("positions inside the room, off its walls")
+        };
+        if !polygon::contains(&room.corners_m, pose.position_m) {
+            return Err(refuse(format!("leads out of the room at ({x}, {y})")));
+        }
+        let before_m = poses[row.saturating_sub(1)].position_m;
+        let leg = Wall { ends_m: [before_m, pose.position_m], construction: 0 };
+        let at_wall = |&(ends_m, _): &([[f64; 2]; 2], &str)| {
+            polygon::nearer(&leg, &Wall { ends_m, construction: 0 }, scenario::CLEARANCE_M)
+        };
+        if walls.iter().any(at_wall) {
+            return Err(refuse(format!("leads into or through a wall at ({x}, {y})")));
+        }
+    }
+    Ok(())
 }
 
 /// The walls of a scenario's room and the slabs that their constructions count.

@@ -38,6 +38,19 @@ fn touch(a: &Wall, b: &Wall) -> bool {
     !(apart(a, b) || apart(b, a)) || near(a, b) || near(b, a)
 }
 
+/// Whether two walls cross, touch, or come nearer to each other than `distance_m`.
+pub fn nearer(a: &Wall, b: &Wall, distance_m: f64) -> bool {
+    let apart = |axis: usize| {
+        let low = |wall: &Wall| wall.ends_m[0][axis].min(wall.ends_m[1][axis]);
+        let high = |wall: &Wall| wall.ends_m[0][axis].max(wall.ends_m[1][axis]);
+        low(a) > high(b) + distance_m || low(b) > high(a) + distance_m
+    };
+    let end_near =
+        |wall: &Wall, other: &Wall| other.ends_m.iter().any(|&end| distance_to_wall(wall, end) < distance_m);
+    // Most pairs are told apart by their boxes.
+    !(apart(0) || apart(1)) && (touch(a, b) || end_near(a, b) || end_near(b, a))
+}
+
 /// Whether two walls lie on each other: in one plane, and with more than a point in common.
 pub fn overlap(a: &Wall, b: &Wall) -> bool {
     let along = a.direction_m();

@@ -15,7 +15,7 @@ use crate::input_error::{InputError, number};
 use crate::recording::npz::printable;
 
 /// Nothing comes nearer to a wall than this, and no wall is shorter.
-const CLEARANCE_M: f64 = 0.01;
+pub(crate) const CLEARANCE_M: f64 = 0.01;
 /// The least area of a room.
 const MIN_AREA_M2: f64 = 0.01;
 /// The most candidates for paths: walls to the power of the reflection order.
@@ -250,7 +250,9 @@ impl Scenario {
         for (index, ends) in positions.windows(2).enumerate() {
             let leg = Wall { ends_m: [ends[0], ends[1]], construction: 0 };
             // A leg that no wall is near to begins and ends on the same side of all of them.
-            let Some(wall) = walls.iter().find(|wall| nearer_than_clearance(&leg, wall)) else { continue };
+            let Some(wall) = walls.iter().find(|wall| polygon::nearer(&leg, wall, CLEARANCE_M)) else {
+                continue;
+            };
             self.check_position(&entry_key(index + 1), ends[1], walls)?;
             let reason = format!("is reached through or along {}", spoken(wall));
             return Err(Fault::at(entry_key(index + 1), reason)
@@ -376,40 +378,6 @@ fn distance_m([x, y]: Position, [u, v]: Position) -> f64 {
 fn spoken(wall: &Wall) -> String {
     let [[x, y], [u, v]] = wall.ends_m;
     format!("the wall from ({x}, {y}) to ({u}, {v})")
-}
-
-/// Whether a leg passes through a wall or nearer to it than the clearance.
-fn nearer_than_clearance(leg: &Wall, wall: &Wall) -> bool {
-    let apart = |axis: usize| {
-        let range = |wall: &Wall| {
-            let [a, b] = wall.ends_m.map(|end| end[axis]);
-            (a.min(b), a.max(b))
-        };
-        let ((from, to), (other_from, other_to)) = (range(leg), range(wall));
-        from > other_to + CLEARANCE_M || other_from > to + CLEARANCE_M
-    };
-    // Most walls are far away, and ways have very many legs.
-    if apart(0) || apart(1) {
-        return false;
-    }
-    meet(leg, wall)
-        || leg.ends_m.iter().any(|&end| polygon::distance_to_wall(wall, end) < CLEARANCE_M)
-        || wall.ends_m.iter().any(|&end| polygon::distance_to_wall(leg, end) < CLEARANCE_M)
-}
-
-/// Twice the area of the triangle, positive where it turns left.
-fn turn([ax, ay]: Position, [bx, by]: Position, [cx, cy]: Position) -> f64 {
-    (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-}
-
-/// Whether two walls have a point in common.
-fn meet(one: &Wall, other: &Wall) -> bool {
-    let ([a, b], [c, d]) = (one.ends_m, other.ends_m);
-    let crosses = turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0;
-    let touches = |wall: &Wall, point| polygon::distance_to_wall(wall, point) < 1e-9;
-    crosses
-        || [a, b].into_iter().any(|end| touches(other, end))
-        || [c, d].into_iter().any(|end| touches(one, end))
 }
 
 /// The area that an outline encloses.

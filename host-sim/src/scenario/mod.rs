@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 pub use builtin::{BUILT_IN, BuiltIn};
+pub(crate) use check::CLEARANCE_M;
 pub use construction::{construction, material, walls};
 
 /// The version of the format: the key `format`.

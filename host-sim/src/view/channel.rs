@@ -10,6 +10,10 @@ use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
 use cogmint_core::pulse::Pulse;
 use std::path::Path;
 
+/// How much is shown before the first path and behind the last one, seconds.
+const BEFORE_S: f64 = 30e-9;
+const BEHIND_S: f64 = 100e-9;
+
 /// The picture of a cycle: a panel per anchor with a frame, or for `anchor` alone. `folder` is where the recording is,
 /// for messages.
 ///
@@ -69,6 +73,7 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
         let [re, im] = path.amplitude.map(f64::from);
         ChannelPath { delay_s: f64::from(path.delay_s), magnitude: re.hypot(im), label: String::new() }
     });
+    let estimated: Vec<ChannelPath> = estimated.collect();
     let level = |n: usize| f64::from(estimate.noise.level(n as f32, spacing_s as f32)).sqrt();
     let own_paths = received.truth_paths.iter().filter(|path| path.anchor == frame.anchor);
     let true_paths = own_paths.map(|path| ChannelPath {
@@ -76,6 +81,16 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
         magnitude: path.magnitude,
         label: path.virtual_anchor.map_or_else(|| "direct".into(), |index| format!("VA {index}")),
     });
+    let true_paths: Vec<ChannelPath> = true_paths.collect();
+    let delay_s = |n: usize| first_s + n as f64 * spacing_s;
+    // Radios log far more than holds a path.
+    let delays = || true_paths.iter().chain(&estimated).map(|path| path.delay_s);
+    let from_s = delays().fold(f64::INFINITY, f64::min) - BEFORE_S;
+    let to_s = delays().fold(f64::NEG_INFINITY, f64::max) + BEHIND_S;
+    let shown: Vec<usize> = match delays().next() {
+        Some(_) => (0..count).filter(|&n| (from_s..to_s).contains(&delay_s(n))).collect(),
+        None => (0..count).collect(),
+    };
     ChannelFigure {
         title: format!(
             "{}, cycle {cycle}, anchor {}, {:.3} GHz",
@@ -83,11 +98,11 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
             recording.anchors[frame.anchor].name,
             action.carrier_hz * 1e-9
         ),
-        delay_s: (0..count).map(|n| first_s + n as f64 * spacing_s).collect(),
-        magnitude,
-        noise_level: (0..count).map(level).collect(),
-        true_paths: true_paths.collect(),
-        estimated_paths: estimated.collect(),
+        delay_s: shown.iter().map(|&n| delay_s(n)).collect(),
+        magnitude: shown.iter().map(|&n| magnitude[n]).collect(),
+        noise_level: shown.iter().map(|&n| level(n)).collect(),
+        true_paths,
+        estimated_paths: estimated,
         unit: "sample units".into(),
         db: true,
     }
