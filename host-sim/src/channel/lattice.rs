@@ -18,7 +18,7 @@ use super::cis;
 const REACH: usize = 3;
 /// Sharpness of the kernel for cells half a sample wide.
 const BETA: f64 = 2.3 * (2 * REACH) as f64;
-/// Kernel table entries per cell.
+/// Places within a cell at which the kernel is tabulated.
 const TABLE_STEPS: usize = 512;
 
 /// Frequencies, and transforms between them and delays.
@@ -30,7 +30,8 @@ pub struct Lattice {
     length: usize,
     inverse: Arc<dyn Fft<f64>>,
     spread: Arc<dyn Fft<f64>>,
-    kernel: Vec<f64>,
+    /// Per place within a cell: the kernel at all cells in reach.
+    kernel: Vec<[f64; 2 * REACH]>,
     /// One over the kernel's transform, for lattice offsets from 0 to half the period.
     correction: Vec<f64>,
 }
@@ -56,8 +57,11 @@ impl Lattice {
         let mut planner: FftPlannerScalar<f64> = FftPlannerScalar::new();
         let inverse = planner.plan_fft_inverse(length);
         let spread = planner.plan_fft_forward(2 * length);
-        let kernel =
-            (0..=REACH * TABLE_STEPS + 1).map(|n| kernel(n as f64 / (TABLE_STEPS * REACH) as f64)).collect();
+        let at = |row: usize, cell: usize| {
+            let place = row as f64 / TABLE_STEPS as f64 + (REACH - 1) as f64;
+            kernel((place - cell as f64).abs() / REACH as f64)
+        };
+        let kernel = (0..=TABLE_STEPS).map(|row| std::array::from_fn(|cell| at(row, cell))).collect();
         let correction = (0..=length / 2).map(|k| 1.0 / kernel_transform(k as f64 / (2 * length) as f64));
         let correction = correction.collect();
         Self { samples, spacing_s, length, inverse, spread, kernel, correction }
@@ -99,17 +103,20 @@ impl Lattice {
     pub fn spread(&self, scratch: &mut Scratch, delay_s: f64, amplitude: Complex64) {
         let cells = 2 * self.length;
         let place = delay_s / self.spacing_s * 2.0;
-        let first = libm::floor(place) - (REACH as f64 - 1.0);
-        let mut cell = (first as i64).rem_euclid(cells as i64) as usize;
-        for n in 0..2 * REACH {
-            let distance = (place - first - n as f64).abs() * TABLE_STEPS as f64;
-            let step = distance as usize;
-            let (Some(&low), Some(&high)) = (self.kernel.get(step), self.kernel.get(step + 1)) else {
-                continue;
-            };
-            let weight = low + (high - low) * (distance - step as f64);
-            scratch.cells[cell] += amplitude * weight;
-            cell = if cell + 1 == cells { 0 } else { cell + 1 };
+        let whole = libm::floor(place);
+        let step = (place - whole) * TABLE_STEPS as f64;
+        let row = (step as usize).min(TABLE_STEPS - 1);
+        let share = step - row as f64;
+        let weights = self.kernel[row].iter().zip(&self.kernel[row + 1]);
+        let weights = weights.map(|(low, high)| low + (high - low) * share);
+        let first = (whole as i64 - (REACH as i64 - 1)).rem_euclid(cells as i64) as usize;
+        match scratch.cells.get_mut(first..first + 2 * REACH) {
+            Some(reached) => {
+                reached.iter_mut().zip(weights).for_each(|(cell, weight)| *cell += amplitude * weight);
+            }
+            None => weights
+                .enumerate()
+                .for_each(|(n, weight)| scratch.cells[(first + n) % cells] += amplitude * weight),
         }
     }
 
