@@ -33,6 +33,9 @@ enum Command {
     /// Draw a scenario or a cycle of a recording.
     #[command(subcommand)]
     Plot(command::plot::Subject),
+    /// Measure a stage of the system in many random trials.
+    #[command(subcommand)]
+    Experiment(command::experiment::Experiment),
     /// Replay a recording through the core: table, figure, scores.
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
@@ -69,6 +72,7 @@ fn main() -> ExitCode {
         Some(Command::Scenario(action)) => command::scenario::run(&action),
         Some(Command::Simulate(options)) => command::simulate::run(&options),
         Some(Command::Plot(subject)) => command::plot::run(&subject),
+        Some(Command::Experiment(experiment)) => command::experiment::run(&experiment),
         Some(Command::Track(options)) => command::track::run(&options),
         Some(Command::Verify(options)) => command::verify::run(&options),
         Some(Command::Trace(options)) => command::trace::run(&options),

@@ -19,6 +19,8 @@ pub enum Purpose {
     Schedule,
     /// Errors of the floor plan.
     FloorPlan,
+    /// Trials of an experiment.
+    Experiment,
 }
 
 /// The generator of a purpose and its indexes.

@@ -1,0 +1,72 @@
+//! `cogmint experiment`: Monte Carlo experiments.
+
+use super::{print, print_json};
+use crate::Failure;
+use cogmint::experiment::estimator::{Core, measure};
+
+#[derive(clap::Subcommand)]
+pub enum Experiment {
+    /// The channel estimator: precision, resolution, false paths, detection, against the bound.
+    Estimator(EstimatorOptions),
+}
+
+#[derive(clap::Args)]
+pub struct EstimatorOptions {
+    /// Responses per figure.
+    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(10..=1_000_000))]
+    trials: u32,
+    /// Seed of all responses.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(experiment: &Experiment) -> Result<(), Failure> {
+    let Experiment::Estimator(options) = experiment;
+    let quality = measure(&Core, options.trials as usize, options.seed);
+    if options.json {
+        return print_json(&quality);
+    }
+    print(&format!(
+        "Channel estimator, T_p 0.5 ns, roll-off 0.6, 400 samples over 100 ns, {} responses per figure\n",
+        quality.trials
+    ));
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let rows = [
+        (
+            "delay RMSE over its bound, worst of 12 to 30 dB",
+            format!("{:.3}", quality.delay_rmse_over_crlb),
+            "1.2",
+        ),
+        ("two equal paths of 25 dB, 0.5 T_p apart, both found", percent(quality.resolved_0_5_tp), "55 %"),
+        ("the same, 0.7 T_p apart", percent(quality.resolved_0_7_tp), "85 %"),
+        ("the same, 1.0 T_p apart", percent(quality.resolved_1_0_tp), "99 %"),
+        (
+            "false paths in dense multipath, 0.01 asked for",
+            format!("{:.4}", quality.false_paths_at_0_01),
+            "0.005 to 0.02",
+        ),
+        (
+            "false paths in dense multipath, 1 asked for",
+            format!("{:.3}", quality.false_paths_at_1),
+            "0.5 to 2",
+        ),
+        ("seven paths: the one of 12.6 dB detected", percent(quality.detected_12_6_db), "75 %"),
+        ("seven paths: the one of 8.2 dB detected", percent(quality.detected_8_2_db), "8 %"),
+        ("seven paths: false paths", format!("{:.4}", quality.seven_false_paths), ""),
+        ("median SINR error, 5 to 30 dB", format!("{:.2} dB", quality.sinr_median_error_db), "1 dB"),
+        (
+            "false paths under interference from elsewhere",
+            format!("{:.4}", quality.interference_false_paths),
+            "0.03",
+        ),
+        ("responses per second", format!("{:.0}", quality.frames_per_second), ""),
+    ];
+    print(&format!("{:<54} {:>10}   must be", "figure", "measured"));
+    for (figure, measured, must) in rows {
+        print(format!("{figure:<54} {measured:>10}   {must}").trim_end());
+    }
+    Ok(())
+}

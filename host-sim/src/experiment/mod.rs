@@ -1,0 +1,4 @@
+//! Monte Carlo experiments: what a stage of the system achieves, beside the bound that nothing can beat.
+
+pub mod estimator;
+pub mod response;
