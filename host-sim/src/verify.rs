@@ -337,7 +337,7 @@ impl Comparison {
             let mut float =
                 |name: fmt::Arguments<'_>, core, reference| self.float(stage, name, core, reference);
             float(format_args!("white noise of anchor {anchor}"), ours.noise.white, theirs.noise.white);
-            float(format_args!("dense multipath of anchor {anchor}"), ours.noise.dense, theirs.noise.dense);
+            float(format_args!("dense multipath of anchor {anchor}"), ours.noise.white, theirs.noise.white);
             for (k, (a, b)) in ours.paths.iter().zip(&theirs.paths).enumerate() {
                 float(format_args!("delay of path {k} of anchor {anchor}"), a.delay_s, b.delay_s);
                 for (part, name) in ["real", "imaginary"].into_iter().enumerate() {

@@ -12,7 +12,7 @@
 
 use super::gram::Square;
 use super::magnitude::parabola_vertex;
-use super::noise::{LevelWalk, NoiseLevel, TrimmedMean, level_floor, white_level};
+use super::noise::{LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
 use crate::observation::Complex;
 use crate::real::{abs, larger, smaller, sqrt};
@@ -22,6 +22,12 @@ use heapless::Vec;
 const STRONG: f32 = 316.0;
 /// Half the width skipped around a strong path, pulse durations.
 const SKIP_PULSES: f32 = 1.5;
+/// Passes of the noise fit before the first path, and before each further one.
+const FIRST_REFINEMENTS: usize = 8;
+const REFINEMENTS: usize = 2;
+/// Passes over all delays after each new path, at most; fewer where no delay moves further than this any more, samples.
+const PASSES: usize = 8;
+const STILL_SAMPLES: f32 = 0.02;
 /// Two paths closer than this many pulse durations are one.
 const MERGE_PULSES: f32 = 0.3;
 /// Added to the Gram matrix's diagonal for the final amplitudes: two paths that nearly cancel stay finite.
@@ -52,6 +58,7 @@ struct Fit<'a, const PATHS: usize> {
     samples: &'a [Complex],
     components: Vec<Component, PATHS>,
     noise: NoiseLevel,
+    steps: LevelSteps,
     /// White noise is never taken as less than this: -120 dB of the strongest sample.
     floor: f32,
     posterior: Square<PATHS>,
@@ -65,29 +72,35 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(power), samples.len());
         let strongest = samples.iter().map(power).fold(0.0, larger);
+        let steps = LevelSteps::new(self.sample_spacing_s);
         let mut fit = Fit {
             estimator: self,
             samples,
             components: Vec::new(),
-            noise: NoiseLevel::white(white),
+            noise: NoiseLevel::open(white, samples.len(), &steps),
+            steps,
             floor: level_floor(strongest),
             posterior: Square::zero(),
         };
+        for _ in 0..FIRST_REFINEMENTS {
+            fit.fit_noise();
+        }
         for round in 0..PATHS + 4 {
-            if round == 1 {
-                // The first fit beside a path starts from nothing: iterate once more.
-                fit.fit_noise();
-            }
             if round > 0 {
-                fit.fit_noise();
+                for _ in 0..REFINEMENTS {
+                    fit.fit_noise();
+                }
                 fit.settle();
             }
             if !fit.add_strongest() {
                 break;
             }
-            for _ in 0..2 {
-                fit.move_delays();
+            for _ in 0..PASSES {
+                let moved = fit.move_delays();
                 fit.settle();
+                if moved < STILL_SAMPLES {
+                    break;
+                }
             }
         }
         fit.into_estimate(first_sample_delay_s)
@@ -110,48 +123,22 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         [re, im]
     }
 
-    /// One pass over the residual refines white noise (the mean of all powers below five times its last value) and
-    /// the dense multipath's scale (least squares, each sample weighted by the inverse square of its last level).
-    /// The rounds of the estimation are the iterations of this fit.
+    /// One pass over the residual refines the levels of white noise and dense multipath. The rounds of the estimation
+    /// are the iterations of this fit.
     fn fit_noise(&mut self) {
-        let table = &self.estimator.table;
-        let spacing = self.estimator.sample_spacing_s;
-        let skip = SKIP_PULSES * table.samples_per_pulse();
-        let mut onset = f32::INFINITY;
-        for component in &self.components {
-            onset = smaller(component.position, onset);
-        }
-        let NoiseLevel { white, dense, .. } = self.noise;
-        let mut walk = LevelWalk::new(onset, spacing);
-        let mut trimmed = TrimmedMean::below(white);
-        let mut excess = 0.0;
-        let mut norm = 0.0;
-        for (n, sample) in self.samples.iter().enumerate() {
-            let residual = power(&self.residual(n, sample));
-            trimmed.add(residual);
-            let profile = walk.next(n);
-            if profile <= 0.0 {
-                continue;
-            }
+        let skip = SKIP_PULSES * self.estimator.table.samples_per_pulse();
+        let mut noise = self.noise;
+        let powers = self.samples.iter().enumerate().map(|(n, sample)| {
             let near_strong = self
                 .components
                 .iter()
                 .any(|component| component.gain > STRONG && abs(n as f32 - component.position) < skip);
-            if near_strong {
-                continue;
-            }
-            // In units of the white noise, so that the unit of the samples does not matter.
-            let level = 1.0 + dense * profile / white;
-            let weight = profile / (level * level);
-            excess += weight * (residual / white - 1.0);
-            norm += weight * profile;
-        }
-        let dense = if norm > 0.0 { white * larger(excess / norm, 0.0) } else { 0.0 };
-        let white = larger(trimmed.mean(), self.floor);
-        self.noise = NoiseLevel { white, dense, onset_samples: onset };
-        let noise = self.noise;
+            if near_strong { None } else { Some(power(&self.residual(n, sample))) }
+        });
+        noise.refine(powers, &self.steps, self.floor);
+        self.noise = noise;
         for component in &mut self.components {
-            component.level = noise.level(component.position, spacing);
+            component.level = noise.level(component.position, self.estimator.sample_spacing_s);
         }
     }
 
@@ -159,17 +146,13 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     fn add_strongest(&mut self) -> bool {
         let table = &self.estimator.table;
         let spacing = self.estimator.sample_spacing_s;
-        let mut walk = LevelWalk::new(self.noise.onset_samples, spacing);
+        let mut walk = LevelWalk::new(&self.noise, &self.steps);
         // Gains at the two samples before n, and where the best was found with its neighbours.
         let mut before = 0.0;
         let mut best = (0_usize, 0.0_f32, 0.0_f32, 0.0_f32);
         let mut follows_best = false;
         for (n, sample) in self.samples.iter().enumerate() {
-            let level = if self.noise.dense > 0.0 {
-                self.noise.white + self.noise.dense * walk.next(n)
-            } else {
-                self.noise.white
-            };
+            let level = walk.next();
             let q2 = power(&self.residual(n, sample)) / level;
             let s = self.uncertainty(n as f32);
             let gain = if s < SMALLEST_S { 0.0 } else { q2 / s };
@@ -226,11 +209,13 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     }
 
     /// One pass over the components: each delay moves to the vertex of the parabola through the matched filter's
-    /// energy, without the other components, a quarter sample to either side; twice; and only if that gains.
-    fn move_delays(&mut self) {
+    /// energy, without the other components, a quarter sample to either side; twice; and only if that gains. Gives the
+    /// longest move, samples.
+    fn move_delays(&mut self) -> f32 {
+        let mut longest = 0.0;
         for k in 0..self.components.len() {
             for _ in 0..2 {
-                let Some(&component) = self.components.get(k) else { return };
+                let Some(&component) = self.components.get(k) else { return longest };
                 let step = 0.25;
                 let here = power(&self.without(k, component.position));
                 let left = power(&self.without(k, component.position - step));
@@ -250,6 +235,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 if power(&moved) <= here {
                     break;
                 }
+                longest = larger(longest, abs(shift));
                 let matched = self.estimator.interpolation.at(self.samples, position);
                 let level = self.noise.level(position, self.estimator.sample_spacing_s);
                 if let Some(component) = self.components.get_mut(k) {
@@ -260,6 +246,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 }
             }
         }
+        longest
     }
 
     /// The matched filter's output at a position without all components but `k`.

@@ -1,14 +1,32 @@
-//! The level of everything that is not a specular path: white noise, and dense multipath that rises softly
-//! after the first path and decays exponentially.
+//! The level of everything that is not a specular path: white noise, and dense multipath.
+//!
+//! Dense multipath has a power profile that rises softly and decays, (1 - chi exp(-t/rise)) exp(-t/decay), but where
+//! it begins is not taken for granted: it may follow the first path, or belong to an interferer that keeps a time of
+//! its own. So the level is lambda(n) = N0 + sum_j theta_j p(n - n_j) with a node n_j every 2.5 ns and theta_j >= 0.
+//!
+//! The residual's powers are exponentially distributed with mean lambda(n). Their likelihood is climbed by the
+//! multiplicative updates theta_j <- theta_j (sum_n p u / sum_n p v), v = 1/lambda, u = |r|^2 / lambda^2 (the
+//! Itakura-Saito case of non-negative matrix factorisation, Fevotte, Bertin and Durrieu 2009), with |r|^2 / lambda cut
+//! off at 5, so that a path not yet found counts little. A profile being two exponentials, all sums are recursions: one
+//! pass over the samples, whatever the number of nodes.
 
-use crate::real::{exp, larger};
+use crate::real::{exp, larger, smaller};
 
 /// Decay time of the dense multipath, seconds.
 const DECAY_S: f32 = 20e-9;
 /// Rise time of its soft onset, seconds.
 const RISE_S: f32 = 5e-9;
-/// Depth of the onset.
+/// Depth of the onset, chi.
 const ONSET: f32 = 0.98;
+/// Time between two nodes, seconds.
+const NODE_S: f32 = 2.5e-9;
+/// Most nodes; longer frames have theirs further apart.
+const NODES: usize = 64;
+/// Every node's first share of the white noise: small, but not zero, which no factor would change.
+const FIRST_SHARE: f32 = 0.02;
+/// Powers over their level are cut off here; exponentially distributed ones then keep the share of their mean below.
+const CUT: f32 = 5.0;
+const KEPT: f32 = 0.993_262;
 /// Blocks the frame is cut into to find its quietest parts.
 const BLOCKS: usize = 16;
 
@@ -18,91 +36,203 @@ const BLOCKS: usize = 16;
 pub struct NoiseLevel {
     /// White noise power N0, in squared units of the samples.
     pub white: f32,
-    /// Scale of the dense multipath's power profile, in squared units of the samples; 0 where none was found.
-    pub dense: f32,
-    /// Where the profile starts: the first path, samples into the frame.
-    pub(super) onset_samples: f32,
+    /// theta of every node.
+    weights: [f32; NODES],
+    /// Sums over all nodes up to each one: of theta exp(-t/decay), and of theta exp(-t/decay - t/rise).
+    decaying: [f32; NODES],
+    rising: [f32; NODES],
+    /// Samples from node to node.
+    node_samples: usize,
 }
 
 impl NoiseLevel {
     /// White noise only.
     pub(super) fn white(white: f32) -> Self {
-        Self { white, dense: 0.0, onset_samples: 0.0 }
+        let none = [0.0; NODES];
+        Self { white, weights: none, decaying: none, rising: none, node_samples: 1 }
+    }
+
+    /// White noise and the beginnings of dense multipath everywhere in a frame of `samples` samples.
+    pub(super) fn open(white: f32, samples: usize, steps: &LevelSteps) -> Self {
+        let per_node = (steps.node_samples).max(samples.div_ceil(NODES)).max(1);
+        let mut level = Self::white(white);
+        level.node_samples = per_node;
+        for weight in level.weights.iter_mut().take(samples.div_ceil(per_node)) {
+            *weight = FIRST_SHARE * white;
+        }
+        level.accumulate(steps);
+        level
+    }
+
+    /// The sums over the nodes.
+    fn accumulate(&mut self, steps: &LevelSteps) {
+        let (decay, rise) = steps.over(self.node_samples);
+        let (mut decaying, mut rising) = (0.0, 0.0);
+        let sums = self.decaying.iter_mut().zip(&mut self.rising);
+        for (weight, (decaying_sum, rising_sum)) in self.weights.iter().zip(sums) {
+            decaying = decaying * decay + weight;
+            rising = rising * rise + weight;
+            *decaying_sum = decaying;
+            *rising_sum = rising;
+        }
     }
 
     /// Level `position` samples into a frame whose samples are `sample_spacing_s` seconds apart, in squared units of
     /// the samples.
     pub fn level(&self, position: f32, sample_spacing_s: f32) -> f32 {
-        self.white + self.dense * profile((position - self.onset_samples) * sample_spacing_s)
+        // Before the frame there is white noise alone. Truncation is the floor of what is not negative.
+        if position < 0.0 {
+            return self.white;
+        }
+        let node = (position as usize / self.node_samples.max(1)).min(NODES - 1);
+        let past_s = (position - (node * self.node_samples) as f32) * sample_spacing_s;
+        let (Some(decaying), Some(rising)) = (self.decaying.get(node), self.rising.get(node)) else {
+            return self.white;
+        };
+        let decay = exp(-past_s / DECAY_S);
+        self.white + (decaying - ONSET * rising * exp(-past_s / RISE_S)) * decay
+    }
+
+    /// One update of all levels from the residual's powers at samples 0, 1, 2, ...; `None` leaves a sample out. White
+    /// noise is never taken as less than `floor`.
+    pub(super) fn refine(
+        &mut self,
+        powers: impl Iterator<Item = Option<f32>>,
+        steps: &LevelSteps,
+        floor: f32,
+    ) {
+        // Per node: sums of u and v over its samples, weighted by each of the two exponentials since the node.
+        let mut sums = [[0.0_f32; 4]; NODES];
+        let (mut all_u, mut all_v) = (0.0, 0.0);
+        let mut walk = LevelWalk::new(self, steps);
+        let (mut node, mut within) = (0, 0);
+        let (mut decay, mut rise) = (1.0, 1.0);
+        for power in powers {
+            if within == self.node_samples {
+                (node, within) = (node + 1, 0);
+                (decay, rise) = (1.0, 1.0);
+            }
+            let level = walk.next();
+            if let Some(power) = power {
+                let v = 1.0 / level;
+                let u = smaller(power * v, CUT) * (v * (1.0 / KEPT));
+                all_u += u;
+                all_v += v;
+                if let Some([decaying_u, decaying_v, rising_u, rising_v]) = sums.get_mut(node) {
+                    *decaying_u += decay * u;
+                    *decaying_v += decay * v;
+                    *rising_u += rise * u;
+                    *rising_v += rise * v;
+                }
+            }
+            decay *= steps.decay;
+            rise *= steps.rise;
+            within += 1;
+        }
+        // From the last node back: what comes after a node, as far as its exponentials reach.
+        let (decay, rise) = steps.over(self.node_samples);
+        let mut after = [0.0_f32; 4];
+        for (weight, [decaying_u, decaying_v, rising_u, rising_v]) in self.weights.iter_mut().zip(&sums).rev()
+        {
+            let [after_decaying_u, after_decaying_v, after_rising_u, after_rising_v] = after;
+            after = [
+                decaying_u + decay * after_decaying_u,
+                decaying_v + decay * after_decaying_v,
+                rising_u + rise * after_rising_u,
+                rising_v + rise * after_rising_v,
+            ];
+            let [after_decaying_u, after_decaying_v, after_rising_u, after_rising_v] = after;
+            let u = after_decaying_u - ONSET * after_rising_u;
+            let v = after_decaying_v - ONSET * after_rising_v;
+            *weight *= ratio(u, v);
+        }
+        self.white = larger(self.white * ratio(all_u, all_v), floor);
+        self.accumulate(steps);
     }
 }
 
-/// The dense multipath's power profile after the onset at a delay of `excess_s`, without its scale:
-/// (1 - chi exp(-t / rise)) exp(-t / decay), zero before the onset.
-fn profile(excess_s: f32) -> f32 {
-    if excess_s < 0.0 { 0.0 } else { (1.0 - ONSET * exp(-excess_s / RISE_S)) * exp(-excess_s / DECAY_S) }
+/// u over v; 1 where nothing was seen. Bounded, so that one update changes no level beyond repair.
+fn ratio(u: f32, v: f32) -> f32 {
+    if v > 0.0 { smaller(larger(u / v, 1e-3), 1e3) } else { 1.0 }
 }
 
-/// Walks the noise level lambda(n) = white + dense * profile along the samples of a frame.
-///
-/// Two exponentials are carried by multiplication, so a sample costs two products instead of two calls.
+/// Factors of the profile's exponentials from sample to sample.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LevelWalk {
-    rise: f32,
+pub(super) struct LevelSteps {
+    /// exp(-t/decay).
     decay: f32,
-    rise_step: f32,
-    decay_step: f32,
-    onset_samples: f32,
+    /// exp(-t/decay - t/rise).
+    rise: f32,
+    /// Samples from node to node.
+    node_samples: usize,
     sample_spacing_s: f32,
-    started: bool,
 }
 
-impl LevelWalk {
-    pub fn new(onset_samples: f32, sample_spacing_s: f32) -> Self {
-        Self {
-            rise: 1.0,
-            decay: 1.0,
-            rise_step: exp(-sample_spacing_s / RISE_S),
-            decay_step: exp(-sample_spacing_s / DECAY_S),
-            onset_samples,
-            sample_spacing_s,
-            started: false,
-        }
+impl LevelSteps {
+    pub fn new(sample_spacing_s: f32) -> Self {
+        let decay = exp(-sample_spacing_s / DECAY_S);
+        // Positive and small: truncation is the floor.
+        let node_samples = (NODE_S / sample_spacing_s + 0.5) as usize;
+        Self { decay, rise: decay * exp(-sample_spacing_s / RISE_S), node_samples, sample_spacing_s }
     }
 
-    /// The profile at sample `n`; to be called for n = 0, 1, 2, ...
-    pub fn next(&mut self, n: usize) -> f32 {
-        let past_onset = n as f32 - self.onset_samples;
-        if past_onset < 0.0 {
-            return 0.0;
+    /// The same over several samples.
+    fn over(&self, samples: usize) -> (f32, f32) {
+        let time_s = samples as f32 * self.sample_spacing_s;
+        let decay = exp(-time_s / DECAY_S);
+        (decay, decay * exp(-time_s / RISE_S))
+    }
+}
+
+/// Walks the level along the samples of a frame: two products per sample instead of two exponentials.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LevelWalk<'a> {
+    level: &'a NoiseLevel,
+    steps: LevelSteps,
+    node: usize,
+    within: usize,
+    decaying: f32,
+    rising: f32,
+    white: f32,
+}
+
+impl<'a> LevelWalk<'a> {
+    pub fn new(level: &'a NoiseLevel, steps: &LevelSteps) -> Self {
+        Self { level, steps: *steps, node: 0, within: 0, decaying: 0.0, rising: 0.0, white: level.white }
+    }
+
+    /// The level at sample 0, 1, 2, ...
+    pub fn next(&mut self) -> f32 {
+        if self.within == 0 {
+            self.decaying = self.level.decaying.get(self.node).copied().unwrap_or(0.0);
+            self.rising = self.level.rising.get(self.node).copied().unwrap_or(0.0);
         }
-        if self.started {
-            self.rise *= self.rise_step;
-            self.decay *= self.decay_step;
-        } else {
-            self.rise = exp(-past_onset * self.sample_spacing_s / RISE_S);
-            self.decay = exp(-past_onset * self.sample_spacing_s / DECAY_S);
-            self.started = true;
+        let level = self.white + (self.decaying - ONSET * self.rising);
+        self.decaying *= self.steps.decay;
+        self.rising *= self.steps.rise;
+        self.within += 1;
+        if self.within == self.level.node_samples {
+            (self.node, self.within) = (self.node + 1, 0);
         }
-        (1.0 - ONSET * self.rise) * self.decay
+        level
     }
 }
 
 /// Mean of exponentially distributed powers from those below five times a first guess of it. Cut off there, they
 /// have 0.9661 of the full mean, which is undone; iterated, the guess converges.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TrimmedMean {
+struct TrimmedMean {
     guess: f32,
     sum: f32,
     count: u32,
 }
 
 impl TrimmedMean {
-    pub fn below(guess: f32) -> Self {
+    fn below(guess: f32) -> Self {
         Self { guess, sum: 0.0, count: 0 }
     }
 
-    pub fn add(&mut self, power: f32) {
+    fn add(&mut self, power: f32) {
         if power < 5.0 * self.guess {
             self.sum += power;
             self.count += 1;
@@ -110,7 +240,7 @@ impl TrimmedMean {
     }
 
     /// The mean; the guess where no power was below the cut.
-    pub fn mean(&self) -> f32 {
+    fn mean(&self) -> f32 {
         if self.count > 0 { self.sum / (self.count as f32 * 0.9661) } else { self.guess }
     }
 }
@@ -193,12 +323,48 @@ mod tests {
     }
 
     #[test]
-    fn the_walk_and_the_profile_agree() {
-        let mut walk = LevelWalk::new(10.3, 0.25e-9);
-        let noise = NoiseLevel { white: 0.5, dense: 2.0, onset_samples: 10.3 };
+    fn the_walk_and_the_level_agree() {
+        let steps = LevelSteps::new(0.25e-9);
+        let mut noise = NoiseLevel::open(0.5, 400, &steps);
+        noise.weights[3] = 2.0;
+        noise.accumulate(&steps);
+        let mut walk = LevelWalk::new(&noise, &steps);
         for n in 0..400 {
-            let walked = 0.5 + 2.0 * walk.next(n);
-            assert!((walked - noise.level(n as f32, 0.25e-9)).abs() < 1e-4);
+            let walked = walk.next();
+            assert!((walked - noise.level(n as f32, 0.25e-9)).abs() < 1e-4 * walked, "{n}");
+        }
+        assert_eq!(noise.level(-1.0, 0.25e-9), 0.5);
+    }
+
+    /// Powers whose mean is a profile that begins somewhere: the level follows it.
+    #[test]
+    fn the_level_follows_dense_multipath_wherever_it_begins() {
+        let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(4);
+        let steps = LevelSteps::new(0.25e-9);
+        for onset in [0.0_f32, 57.0, 200.0] {
+            let truth = |n: usize| {
+                let t = (n as f32 - onset) * 0.25;
+                let profile = if t < 0.0 { 0.0 } else { (1.0 - 0.98 * (-t / 5.0).exp()) * (-t / 20.0).exp() };
+                2.0 + 20.0 * profile
+            };
+            let (mut error, mut count) = (0.0, 0.0);
+            for _ in 0..40 {
+                let mut powers = [0.0_f32; 400];
+                for (n, power) in powers.iter_mut().enumerate() {
+                    let uniform = (rng.next_u32() as f32 + 1.0) / 4_294_967_808.0;
+                    *power = -truth(n) * uniform.ln();
+                }
+                let mut noise = NoiseLevel::open(white_level(|| powers.iter().copied(), 400), 400, &steps);
+                for _ in 0..12 {
+                    noise.refine(powers.iter().map(|power| Some(*power)), &steps, 1e-9);
+                }
+                for n in (0..400).step_by(5) {
+                    error += (noise.level(n as f32, 0.25e-9) / truth(n)).ln().powi(2);
+                    count += 1.0;
+                }
+            }
+            let deviation = (error / count).sqrt();
+            assert!(deviation < 0.25, "onset {onset}: {deviation}");
         }
     }
 }
