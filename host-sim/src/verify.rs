@@ -337,7 +337,13 @@ impl Comparison {
             let mut float =
                 |name: fmt::Arguments<'_>, core, reference| self.float(stage, name, core, reference);
             float(format_args!("white noise of anchor {anchor}"), ours.noise.white, theirs.noise.white);
-            float(format_args!("dense multipath of anchor {anchor}"), ours.noise.white, theirs.noise.white);
+            for position in [0.0, 57.3, 1e4] {
+                float(
+                    format_args!("noise level {position} samples into the frame of anchor {anchor}"),
+                    ours.noise.level(position, 1e-9),
+                    theirs.noise.at(position, 1e-9),
+                );
+            }
             for (k, (a, b)) in ours.paths.iter().zip(&theirs.paths).enumerate() {
                 float(format_args!("delay of path {k} of anchor {anchor}"), a.delay_s, b.delay_s);
                 for (part, name) in ["real", "imaginary"].into_iter().enumerate() {

@@ -6,16 +6,23 @@
 //! s = 1 - r' Sigma r, r_k = R(t - tau_k), and q the residual at t over the root of the noise level; its best prior
 //! variance is (|q|^2 - s) / s^2 (Tipping and Faul). Paths whose gain falls below kappa go.
 //!
-//! A round: fit the noise to the residual, settle, add the best new path, then twice move all delays and settle.
+//! A round: fit the noise to the residual, settle, add the best new path, then move all delays and settle until they
+//! stand still.
 //!
 //! This twin keeps buffers of the residual; the core recomputes it where needed.
 
 use super::linear_algebra::inverse;
-use super::noise::{NoiseLevel, level_floor, profiles, trimmed_mean, white_level};
+use super::noise::{NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 
+/// Passes of the noise fit before the first round, and in each further one.
+const FIRST_FITS: usize = 8;
+const FITS: usize = 2;
+/// Passes over the delays in a round, and the move below which they stand still, samples.
+const PASSES: usize = 8;
+const STILL_SAMPLES: f32 = 0.02;
 /// SINR above which the surroundings of a path are left out of the dense multipath's fit,
 const STRONG: f32 = 316.0;
 /// this many pulse durations to either side.
@@ -59,24 +66,25 @@ pub(super) fn estimate<T: Real>(
     first_sample_delay_s: T,
 ) -> ChannelEstimate<T> {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
-    let noise = NoiseLevel::white(white_level(&powers));
+    let noise = NoiseLevel::everywhere(white_level(&powers), samples.len(), estimator.sample_spacing_s);
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let mut fit = Fit { estimator, samples, components: Vec::new(), noise, floor, posterior: Vec::new() };
     for round in 0..estimator.most_paths + 4 {
+        for _ in 0..if round == 0 { FIRST_FITS } else { FITS } {
+            fit.fit_noise();
+        }
         if round > 0 {
-            // The first fit beside a path starts from nothing, so it is iterated.
-            let times = if round == 1 { 2 } else { 1 };
-            for _ in 0..times {
-                fit.fit_noise();
-            }
             fit.settle();
         }
         if !fit.add_strongest() {
             break;
         }
-        for _ in 0..2 {
-            fit.move_delays();
+        for _ in 0..PASSES {
+            let longest = fit.move_delays();
             fit.settle();
+            if longest < T::of(STILL_SAMPLES) {
+                break;
+            }
         }
     }
     fit.finish(first_sample_delay_s)
@@ -108,39 +116,20 @@ impl<T: Real> Fit<'_, T> {
         powers
     }
 
-    /// Fits the noise: N0 by the trimmed mean of the residual's powers; D by least squares over the profile, with the
-    /// inverse square of the present level as weight.
+    /// Fits the noise to the residual, but for the surroundings of strong paths.
     fn fit_noise(&mut self) {
-        let num = T::of;
-        let spacing = self.estimator.sample_spacing_s;
-        let skip = num(SKIP_PULSES) * self.estimator.table.samples_per_pulse();
-        let mut onset = num(f32::INFINITY);
-        for component in &self.components {
-            onset = smaller(component.position, onset);
-        }
+        let skip = T::of(SKIP_PULSES) * self.estimator.table.samples_per_pulse();
         let residual = self.residual_powers();
-        let profile = profiles(self.samples.len(), onset, spacing);
-        let old = self.noise;
-        let mut excess = T::ZERO;
-        let mut norm = T::ZERO;
+        let mut powers = Vec::new();
         for n in 0..residual.len() {
             let near_strong = self.components.iter().any(|component| {
-                component.gain > num(STRONG) && abs(T::of_count(n) - component.position) < skip
+                component.gain > T::of(STRONG) && abs(T::of_count(n) - component.position) < skip
             });
-            if profile[n] <= T::ZERO || near_strong {
-                continue;
-            }
-            // Order: in units of the white noise.
-            let level = T::ONE + old.dense * profile[n] / old.white;
-            let weight = profile[n] / square(level);
-            excess += weight * (residual[n] / old.white - T::ONE);
-            norm += weight * profile[n];
+            powers.push(if near_strong { None } else { Some(residual[n]) });
         }
-        let dense = if norm > T::ZERO { old.white * larger(excess / norm, T::ZERO) } else { T::ZERO };
-        let white = larger(trimmed_mean(&residual, old.white), self.floor);
-        self.noise = NoiseLevel { white, dense, onset_samples: onset };
+        self.noise.update(&powers, self.floor);
         for component in &mut self.components {
-            component.level = self.noise.at(component.position, spacing);
+            component.level = self.noise.at(component.position, self.estimator.sample_spacing_s);
         }
     }
 
@@ -168,15 +157,11 @@ impl<T: Real> Fit<'_, T> {
         let num = T::of;
         let spacing = self.estimator.sample_spacing_s;
         let residual = self.residual_powers();
-        let profile = profiles(self.samples.len(), self.noise.onset_samples, spacing);
+        let levels = self.noise.at_samples(self.samples.len());
         let mut gains = Vec::new();
         for n in 0..residual.len() {
-            let mut level = self.noise.white;
-            if self.noise.dense > T::ZERO {
-                level += self.noise.dense * profile[n];
-            }
             let s = self.uncertainty(T::of_count(n));
-            gains.push(if s < num(SMALLEST_S) { T::ZERO } else { residual[n] / level / s });
+            gains.push(if s < num(SMALLEST_S) { T::ZERO } else { residual[n] / levels[n] / s });
         }
         // Order: the first of equals, and none that is zero.
         let mut best: Option<usize> = None;
@@ -214,9 +199,10 @@ impl<T: Real> Fit<'_, T> {
     }
 
     /// Moves each delay, twice, to the vertex of the parabola through the energies a quarter sample around it, if that
-    /// gains.
-    fn move_delays(&mut self) {
+    /// gains. The longest move, samples.
+    fn move_delays(&mut self) -> T {
         let num = T::of;
+        let mut longest = T::ZERO;
         let step = num(0.25);
         let limit = num(0.2) * self.estimator.table.samples_per_pulse();
         for k in 0..self.components.len() {
@@ -234,11 +220,13 @@ impl<T: Real> Fit<'_, T> {
                 } else {
                     step
                 };
-                let position = present + smaller(larger(shift, -limit), limit);
+                let shift = smaller(larger(shift, -limit), limit);
+                let position = present + shift;
                 let moved = self.without_others(k, position);
                 if power(moved) <= here {
                     break;
                 }
+                longest = larger(longest, abs(shift));
                 let component = &mut self.components[k];
                 component.position = position;
                 component.matched = self.estimator.interpolation.at(self.samples, position);
@@ -246,6 +234,7 @@ impl<T: Real> Fit<'_, T> {
                 component.amplitude = moved;
             }
         }
+        longest
     }
 
     /// Posterior, gains and priors in turn, until no component has to go.

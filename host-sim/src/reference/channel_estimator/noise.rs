@@ -1,71 +1,159 @@
-//! The level of what is not a path: white noise N0, and dense multipath that rises softly after the first path and
-//! decays: lambda(t) = N0 + D (1 - chi exp(-t/rise)) exp(-t/decay), t counted from the onset.
+//! The level of what is not a path: white noise N0, and dense multipath that may begin anywhere,
+//!
+//! lambda(n) = N0 + sum over nodes j of theta_j (1 - chi exp(-t/rise)) exp(-t/decay), t = (n - n_j) T_s >= 0.
+//!
+//! theta and N0 climb the likelihood of exponentially distributed powers by theta_j <- theta_j U_j / V_j, with U_j and
+//! V_j the sums over n of the node's profile times |r|^2 / lambda^2 (cut off) and times 1 / lambda. The profile is the
+//! difference of two exponentials; both are carried apart.
 
-use crate::reference::real::{Real, exp, larger};
+use crate::reference::real::{Real, exp, larger, smaller};
 
 const DECAY_S: f32 = 20e-9;
 const RISE_S: f32 = 5e-9;
 /// chi.
 const ONSET: f32 = 0.98;
+/// Seconds from node to node, and the most nodes.
+const NODE_S: f32 = 2.5e-9;
+const NODES: usize = 64;
+/// theta of every node at first, over the white noise.
+const FIRST_SHARE: f32 = 0.02;
+/// Cut of |r|^2 / lambda, and the share of its mean that is left below.
+const CUT: f32 = 5.0;
+const KEPT: f32 = 0.993_262;
 /// Blocks of a frame whose quietest tell its noise.
 const BLOCKS: usize = 16;
 /// What a mean of exponentially distributed powers keeps when those above five times the mean are left out.
 const TRIMMED_SHARE: f32 = 0.9661;
 
 /// The noise of a frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct NoiseLevel<T> {
     /// N0.
     pub white: T,
-    /// D.
-    pub dense: T,
-    /// Where the dense multipath begins, samples into the frame.
-    pub(super) onset_samples: T,
+    /// theta_j.
+    theta: Vec<T>,
+    /// At each node, sums over all nodes up to it: of theta exp(-t/decay), and of theta exp(-t/decay) exp(-t/rise).
+    sums: Vec<[T; 2]>,
+    /// Samples from node to node.
+    node_samples: usize,
+    sample_spacing_s: T,
 }
 
 impl<T: Real> NoiseLevel<T> {
     /// White noise only.
     pub(super) fn white(white: T) -> Self {
-        Self { white, dense: T::ZERO, onset_samples: T::ZERO }
+        let (theta, sums) = (vec![T::ZERO; NODES], vec![[T::ZERO; 2]; NODES]);
+        Self { white, theta, sums, node_samples: 1, sample_spacing_s: T::ONE }
+    }
+
+    /// White noise and a little dense multipath from every node of a frame.
+    pub(super) fn everywhere(white: T, samples: usize, sample_spacing_s: T) -> Self {
+        let wanted = (T::of(NODE_S) / sample_spacing_s + T::of(0.5)).whole() as usize;
+        let node_samples = wanted.max(samples.div_ceil(NODES)).max(1);
+        let mut level = Self { node_samples, sample_spacing_s, ..Self::white(white) };
+        for j in 0..samples.div_ceil(node_samples) {
+            level.theta[j] = T::of(FIRST_SHARE) * white;
+        }
+        level.sum_up();
+        level
+    }
+
+    /// Both exponentials after a number of samples.
+    fn exponentials(&self, samples: usize) -> [T; 2] {
+        let time_s = T::of_count(samples) * self.sample_spacing_s;
+        let decay = exp(-time_s / T::of(DECAY_S));
+        [decay, decay * exp(-time_s / T::of(RISE_S))]
+    }
+
+    fn sum_up(&mut self) {
+        let step = self.exponentials(self.node_samples);
+        let mut sum = [T::ZERO; 2];
+        for j in 0..NODES {
+            for part in 0..2 {
+                sum[part] = sum[part] * step[part] + self.theta[j];
+            }
+            self.sums[j] = sum;
+        }
     }
 
     /// lambda at one position.
-    pub(super) fn at(&self, position: T, sample_spacing_s: T) -> T {
-        let excess_s = (position - self.onset_samples) * sample_spacing_s;
-        let profile = if excess_s < T::ZERO {
-            T::ZERO
-        } else {
-            (T::ONE - T::of(ONSET) * exp(-excess_s / T::of(RISE_S))) * exp(-excess_s / T::of(DECAY_S))
-        };
-        self.white + self.dense * profile
+    pub fn at(&self, position: T, sample_spacing_s: T) -> T {
+        if position < T::ZERO {
+            return self.white;
+        }
+        let node = (position.whole() as usize / self.node_samples).min(NODES - 1);
+        let past_s = (position - T::of_count(node * self.node_samples)) * sample_spacing_s;
+        let [decaying, rising] = self.sums[node];
+        let decay = exp(-past_s / T::of(DECAY_S));
+        self.white + (decaying - T::of(ONSET) * rising * exp(-past_s / T::of(RISE_S))) * decay
+    }
+
+    /// lambda at all samples. Order: from each node on, both sums are carried by multiplication.
+    pub(super) fn at_samples(&self, samples: usize) -> Vec<T> {
+        let step = self.exponentials(1);
+        let mut levels = Vec::new();
+        let mut sum = [T::ZERO; 2];
+        for n in 0..samples {
+            if n % self.node_samples == 0 {
+                sum = self.sums[n / self.node_samples];
+            }
+            levels.push(self.white + (sum[0] - T::of(ONSET) * sum[1]));
+            sum = [sum[0] * step[0], sum[1] * step[1]];
+        }
+        levels
+    }
+
+    /// One update of N0 and all theta from the residual's powers; those that are `None` are left out.
+    pub(super) fn update(&mut self, powers: &[Option<T>], floor: T) {
+        let num = T::of;
+        let step = self.exponentials(1);
+        let levels = self.at_samples(powers.len());
+        // Per sample: |r|^2 / lambda^2, cut off, and 1 / lambda.
+        let mut terms = Vec::new();
+        for n in 0..powers.len() {
+            terms.push(powers[n].map(|power| {
+                let v = T::ONE / levels[n];
+                [smaller(power * v, num(CUT)) * (v * (T::ONE / num(KEPT))), v]
+            }));
+        }
+        let mut all = [T::ZERO; 2];
+        for term in terms.iter().flatten() {
+            all = [all[0] + term[0], all[1] + term[1]];
+        }
+        // Per node: both terms weighted with both exponentials, over the node's own samples.
+        let mut own = vec![[[T::ZERO; 2]; 2]; NODES];
+        for (j, block) in terms.chunks(self.node_samples).enumerate() {
+            let mut weight = [T::ONE; 2];
+            for term in block {
+                for part in 0..2 {
+                    if let Some(term) = term {
+                        own[j][part][0] += weight[part] * term[0];
+                        own[j][part][1] += weight[part] * term[1];
+                    }
+                    weight[part] = weight[part] * step[part];
+                }
+            }
+        }
+        // And over all samples after the node.
+        let node_step = self.exponentials(self.node_samples);
+        let mut after = [[T::ZERO; 2]; 2];
+        for j in (0..NODES).rev() {
+            for part in 0..2 {
+                for term in 0..2 {
+                    after[part][term] = own[j][part][term] + node_step[part] * after[part][term];
+                }
+            }
+            let [u, v] = [0, 1].map(|term| after[0][term] - num(ONSET) * after[1][term]);
+            self.theta[j] = self.theta[j] * factor(u, v);
+        }
+        self.white = larger(self.white * factor(all[0], all[1]), floor);
+        self.sum_up();
     }
 }
 
-/// The profile (1 - chi exp(-t/rise)) exp(-t/decay) at all samples of a frame.
-///
-/// Order: both exponentials are computed at the first sample after the onset and from there carried by multiplication.
-pub(super) fn profiles<T: Real>(samples: usize, onset_samples: T, sample_spacing_s: T) -> Vec<T> {
-    let rise_step = exp(-sample_spacing_s / T::of(RISE_S));
-    let decay_step = exp(-sample_spacing_s / T::of(DECAY_S));
-    let mut exponentials: Option<(T, T)> = None;
-    let mut profiles = Vec::new();
-    for n in 0..samples {
-        let past_onset = T::of_count(n) - onset_samples;
-        if past_onset < T::ZERO {
-            profiles.push(T::ZERO);
-            continue;
-        }
-        let (rise, decay) = match exponentials {
-            Some((rise, decay)) => (rise * rise_step, decay * decay_step),
-            None => (
-                exp(-past_onset * sample_spacing_s / T::of(RISE_S)),
-                exp(-past_onset * sample_spacing_s / T::of(DECAY_S)),
-            ),
-        };
-        exponentials = Some((rise, decay));
-        profiles.push((T::ONE - T::of(ONSET) * rise) * decay);
-    }
-    profiles
+/// u / v within 1e-3 to 1e3; 1 where there was nothing to see.
+fn factor<T: Real>(u: T, v: T) -> T {
+    if v > T::ZERO { smaller(larger(u / v, T::of(1e-3)), T::of(1e3)) } else { T::ONE }
 }
 
 /// Mean of exponentially distributed powers from those below five times a guess of it; the guess if there are none.
