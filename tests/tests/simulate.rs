@@ -1,4 +1,4 @@
-//! The simulator as a user meets it: recordings that the rest takes, truth that is true, pictures, and refusals.
+//! The simulator as a user meets it: recordings that the rest takes, truth, pictures, and refusals.
 
 use cogmint::channel::SPEED_OF_LIGHT_M_S;
 use cogmint::geometry::Wall;
