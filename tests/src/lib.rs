@@ -2,6 +2,8 @@
 //!
 //! The tests are in `tests/tests/`; here is what they share.
 
+pub mod mutation;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -23,10 +25,16 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
 
 /// Runs the `cogmint` command in a folder and waits for it.
 pub fn cogmint(folder: &Path, arguments: &[&str]) -> Output {
+    command(folder, arguments).output().expect("cargo runs")
+}
+
+/// The `cogmint` command in a folder.
+pub fn command(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO"));
     command.args(["run", "--quiet", "--release", "-p", "cogmint", "--manifest-path"]);
     command.arg(root().join("Cargo.toml")).arg("--").args(arguments);
-    command.current_dir(folder).output().expect("cargo runs")
+    command.current_dir(folder);
+    command
 }
 
 /// A folder of a test's own, removed in the end.

@@ -12,6 +12,7 @@
 use cogmint::geometry::Wall;
 use cogmint::geometry::image_source::image_sources;
 use cogmint::geometry::visibility::{trace, trace_image};
+use cogmint::scenario::{BUILT_IN, Scenario};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use std::collections::{BTreeMap, BTreeSet};
@@ -283,4 +284,42 @@ fn image_sources_and_rays_find_the_same_paths_in_200_random_rooms() {
     assert!(disagreements.is_empty(), "{} differ: {:#?}", disagreements.len(), disagreements.first());
     assert!(agreements > 5000, "only {agreements} paths");
     assert!(grazing * 100 <= agreements, "{grazing} differ at an edge, {agreements} agree");
+}
+
+/// Runs `agrees` for every anchor of a scenario, with 20 positions along each trajectory.
+fn agrees_in(scenario: &Scenario) -> Tally {
+    let walls: Vec<Wall> = cogmint::scenario::walls(&scenario.room)
+        .into_iter()
+        .map(|(ends_m, _)| Wall { ends_m, construction: 0 })
+        .collect();
+    let places = |trajectory| {
+        let poses = cogmint::geometry::trajectory::poses(trajectory, None).unwrap();
+        let step = (poses.len() - 1) as f64 / 19.0;
+        (0..20).map(move |n| poses[(f64::from(n) * step) as usize].position_m)
+    };
+    let tags: Vec<Point> = scenario.trajectories.iter().flat_map(places).collect();
+    let mut total = Tally::default();
+    std::thread::scope(|scope| {
+        let (walls, tags) = (&walls, &tags);
+        let each = |anchor: &cogmint::scenario::Anchor| {
+            let place = anchor.position_m;
+            scope.spawn(move || agrees(walls, place, tags))
+        };
+        let threads: Vec<_> = scenario.anchors.iter().map(each).collect();
+        threads.into_iter().for_each(|thread| total.add(thread.join().unwrap()));
+    });
+    total
+}
+
+#[test]
+fn image_sources_and_rays_find_the_same_paths_along_the_ways_of_the_built_in_scenarios() {
+    for built_in in BUILT_IN {
+        let scenario = Scenario::parse(built_in.text, built_in.name).unwrap();
+        let Tally { agreements, grazing, disagreements } = agrees_in(&scenario);
+        let share = grazing as f64 / (agreements + grazing) as f64;
+        println!("{}: {agreements} paths agree, {grazing} graze ({:.2} %)", built_in.name, 100.0 * share);
+        assert!(disagreements.is_empty(), "{}: {disagreements:#?}", built_in.name);
+        assert!(agreements > 200, "{}: only {agreements} paths", built_in.name);
+        assert!(share < 0.02, "{}: {grazing} of {agreements} graze", built_in.name);
+    }
 }
