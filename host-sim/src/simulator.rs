@@ -11,6 +11,9 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use std::path::Path;
 
+/// A clock that is further off than this has nothing to do with the frames any more, seconds.
+const LARGEST_OFFSET_S: f64 = 1e-5;
+
 /// A scenario on one of its trajectories with one seed.
 pub struct Simulator {
     channel: Channel,
@@ -31,6 +34,14 @@ impl Simulator {
         seed: Option<u64>,
     ) -> Result<Self, InputError> {
         let channel = Channel::new(scenario, folder, trajectory, seed)?;
+        let end_s = channel.poses().last().map_or(0.0, |pose| pose.time_s.abs());
+        if !(scenario.errors.clock_drift.abs() * end_s <= LARGEST_OFFSET_S) {
+            let reason =
+                format!("is {}, which in {end_s} s adds up to too much", scenario.errors.clock_drift);
+            return Err(InputError::new(&scenario.name, reason)
+                .for_item("errors.clock_drift")
+                .allowed(format!("at most {LARGEST_OFFSET_S} s in the end")));
+        }
         let floor_plan = floor_plan::of(&channel)?;
         Ok(Self { channel, trajectory, floor_plan })
     }
@@ -243,7 +254,8 @@ impl Simulator {
             virtual_anchor: self.floor_plan.index_of[anchor][component.source],
             delay_s: component.delay_s,
             magnitude: component.magnitude() * gain,
-            sinr: component.sinr,
+            // Beyond this nothing is noise any more.
+            sinr: component.sinr.min(1e30),
         }
     }
 }

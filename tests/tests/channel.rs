@@ -25,6 +25,8 @@ fn hall(more: &str) -> Scenario {
     Scenario::parse(&text, "hall").expect("is a valid scenario")
 }
 
+/// Frames that begin 10 ns before the direct path.
+const WINDOW: &str = "radio = { window = { first_path = { sample = 40 } } }";
 const QUIET: &str = "dense_multipath = { omega_1_db = -300 }";
 
 /// The samples of every cycle of several seeds, first sample at the straight line's delay less `lead_s`.
@@ -78,7 +80,7 @@ fn the_white_noise_has_unit_power_and_the_colour_of_the_matched_filter() {
 fn the_power_profile_of_dense_multipath_comes_back_from_ten_thousand_frames() {
     for fading in ["correlated", "independent"] {
         let more = format!(
-            "noise = {{ snr_at_1_m_db = 80 }}\n dense_multipath = {{ omega_1_db = -10, fading = '{fading}' }}"
+            "radio = {{ window = {{ first_path = {{ sample = 40 }} }} }}\n noise = {{ snr_at_1_m_db = 80 }}\n dense_multipath = {{ omega_1_db = -10, fading = '{fading}' }}"
         );
         let lead_s = 10e-9;
         let frames = frames(&hall(&more), 20, 20, lead_s);
@@ -137,7 +139,9 @@ fn dense_multipath_is_correlated_over_space_by_the_bessel_function() {
     let mut worst = 0.0_f64;
     let pulse = PulseSpectrum::root_raised_cosine(0.5e-9, 0.6);
     for step_mm in [2.0, 5.0, 10.0, 16.4, 22.0, 30.0] {
-        let mut scenario = hall("noise = { snr_at_1_m_db = 120 }\n dense_multipath = { omega_1_db = -10 }");
+        let mut scenario = hall(&format!(
+            "{WINDOW}\n noise = {{ snr_at_1_m_db = 120 }}\n dense_multipath = {{ omega_1_db = -10 }}"
+        ));
         // Pairs of positions, step_mm apart, every 40 cm.
         let mut vertices = Vec::new();
         for pair in 0..50 {
@@ -182,7 +186,7 @@ fn dense_multipath_is_correlated_over_space_by_the_bessel_function() {
 
 #[test]
 fn an_interferer_is_heard_by_the_overlap_of_the_two_spectra() {
-    let more = "noise = { snr_at_1_m_db = 80 }\n radio = { library = 'wide' }\n \
+    let more = "noise = { snr_at_1_m_db = 80 }\n radio = { library = 'wide', window = { first_path = { sample = 40 } } }\n \
                 dense_multipath = { omega_1_db = -300 }\n \
                 interference = [{ during = [0, 0.5], strength = { omega_1 = 1.161517e-6 }, fading = 'independent' }]";
     let scenario = hall(more);

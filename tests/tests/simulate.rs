@@ -385,7 +385,6 @@ fn a_recorded_way_lies_beside_the_scenarios_file() {
 }
 
 #[test]
-#[ignore = "the simulator does not check recorded ways against the room yet"]
 fn a_recorded_way_that_leaves_the_room_is_refused() {
     let folder = Folder::new("simulate-outside");
     for csv in ["x_m,y_m\n2,2\n7,2\n", "x_m,y_m\n2,2\n6,2\n"] {

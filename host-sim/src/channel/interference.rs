@@ -40,7 +40,8 @@ fn median_sinr(paths: &[UsedPath], omega: f64) -> f64 {
 
 /// The total power that leaves a median SINR of `sinr`: bisection on its logarithm.
 fn omega_for(paths: &[UsedPath], sinr: f64) -> f64 {
-    let (mut low, mut high) = (-30.0, 90.0);
+    // Up to 130 dB over the white noise: beyond, hardly any of it reaches the paths.
+    let (mut low, mut high) = (-30.0, 30.0);
     for _ in 0..80 {
         let middle = 0.5 * (low + high);
         if median_sinr(paths, libm::exp(middle)) > sinr { low = middle } else { high = middle }
@@ -109,7 +110,14 @@ impl Interferer {
                     let key = format!("interference.{index}.strength.median_sinr_db");
                     return Err(InputError::new(&channel.scenario.name, reason).for_item(key));
                 }
-                omega_for(&paths, super::power_of(db))
+                let omega = omega_for(&paths, super::power_of(db));
+                let left_db = 10.0 * libm::log10(median_sinr(&paths, omega));
+                if !((left_db - db).abs() < 0.1) {
+                    let reason = format!("is {db}, but it hardly reaches the paths: no strength leaves that");
+                    let key = format!("interference.{index}.strength.median_sinr_db");
+                    return Err(InputError::new(&channel.scenario.name, reason).for_item(key));
+                }
+                omega
             }
         };
         Ok(interferer)
@@ -178,7 +186,7 @@ impl Interferer {
             Some(scatterers) => {
                 scatterers.spread(&channel.lattice, scratch, &view, self.omega, &self.table);
             }
-            None => self.drawn(channel, &[anchor, index + 1, cycle]).spread(
+            None => self.drawn(channel, &[anchor, index + 1, channel.trajectory, cycle]).spread(
                 &channel.lattice,
                 scratch,
                 &view,

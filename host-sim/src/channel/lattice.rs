@@ -14,6 +14,8 @@ use std::sync::Arc;
 
 use super::cis;
 
+/// Pulse durations that a period is longer than the frame, at least.
+const GUARD_PULSES: f64 = 16.0;
 /// Cells on either side of a scatterer.
 const REACH: usize = 3;
 /// Sharpness of the kernel for cells half a sample wide.
@@ -45,10 +47,11 @@ pub struct Scratch {
 }
 
 impl Lattice {
-    /// A lattice for frames of `samples` samples, `spacing_s` apart.
-    pub fn new(samples: usize, spacing_s: f64) -> Self {
-        // Room for the pulses of paths just outside the frame.
-        let least = samples + (samples / 8).max(64);
+    /// A lattice for frames of `samples` samples, `spacing_s` apart, and pulses of `duration_s` at most.
+    pub fn new(samples: usize, spacing_s: f64, duration_s: f64) -> Self {
+        // Room for the pulses of paths just outside the frame: they must not come in again at its other end.
+        let pulses = (GUARD_PULSES * duration_s / spacing_s).ceil() as usize;
+        let least = samples + (samples / 8).max(64).max(pulses);
         let length = [1, 3, 5]
             .into_iter()
             .map(|odd| odd * (least.div_ceil(odd)).next_power_of_two())
@@ -198,7 +201,7 @@ mod tests {
 
     #[test]
     fn spread_scatterers_are_the_sum_of_their_phasors() {
-        let lattice = Lattice::new(400, 0.25e-9);
+        let lattice = Lattice::new(400, 0.25e-9, 0.5e-9);
         let mut scratch = Scratch::default();
         lattice.begin_spread(&mut scratch);
         let scatterers: Vec<(f64, Complex64)> = (0..50)
@@ -225,7 +228,7 @@ mod tests {
 
     #[test]
     fn samples_are_the_sum_over_the_band_also_off_the_lattice() {
-        let lattice = Lattice::new(100, 1e-9);
+        let lattice = Lattice::new(100, 1e-9, 2e-9);
         let mut scratch = Scratch::default();
         let carrier_hz = 6.4896e9;
         let centre = lattice.nearest(carrier_hz);

@@ -107,6 +107,8 @@ pub struct Channel {
     scenario: Scenario,
     receiver: Receiver,
     seed: u64,
+    /// Sets the noise of several trajectories apart.
+    trajectory: usize,
     walls: Vec<Wall>,
     /// Per construction that occurs.
     tables: Vec<WallTable>,
@@ -149,7 +151,9 @@ impl Channel {
         if let Way::Recorded { file } = &way.way {
             stays_inside(&poses, &scenario.room, &folder.unwrap_or(Path::new("")).join(file))?;
         }
-        Self::along(scenario, poses, seed.unwrap_or(scenario.seed))
+        let mut channel = Self::along(scenario, poses, seed.unwrap_or(scenario.seed))?;
+        channel.trajectory = trajectory;
+        Ok(channel)
     }
 
     /// The channel of `scenario` along given poses, of which there must be at least one.
@@ -159,7 +163,8 @@ impl Channel {
     pub fn along(scenario: &Scenario, poses: Vec<Pose>, seed: u64) -> Result<Self, InputError> {
         let receiver = Receiver::new(&scenario.radio);
         let (walls, slabs) = structure(scenario)?;
-        let lattice = Lattice::new(receiver.samples, receiver.sample_spacing_s);
+        let longest_s = receiver.actions.iter().map(|action| action.pulse_duration_s).fold(0.0, f64::max);
+        let lattice = Lattice::new(receiver.samples, receiver.sample_spacing_s, longest_s);
         let (bands, frequencies_hz) = bands(&receiver, &lattice);
         let polarisation = scenario.propagation.polarisation;
         let tables: Vec<WallTable> = slabs
@@ -174,6 +179,7 @@ impl Channel {
             scenario: scenario.clone(),
             receiver,
             seed,
+            trajectory: 0,
             walls,
             tables,
             images,
@@ -456,7 +462,7 @@ impl Channel {
             Some(scatterers) => scatterers.spread(&self.lattice, grid, &view, omega, &self.profile),
             None => {
                 let length_s = self.scenario.dense_multipath.profile.length_s();
-                let drawn = self.scatterers(anchor, &[anchor, cycle], length_s, 0.0);
+                let drawn = self.scatterers(anchor, &[anchor, 0, self.trajectory, cycle], length_s, 0.0);
                 drawn.spread(&self.lattice, grid, &view, omega, &self.profile);
             }
         }
@@ -465,7 +471,7 @@ impl Channel {
         for (index, interferer) in self.interferers.iter().enumerate() {
             interferer.add(self, index, cycle, anchor, band, &view, grid, total);
         }
-        let mut rng = stream(self.seed, Purpose::Noise, &[cycle, anchor, action]);
+        let mut rng = stream(self.seed, Purpose::Noise, &[self.trajectory, cycle, anchor, action]);
         for (total, pulse) in total.iter_mut().zip(&band.pulse) {
             *total += complex_normal(&mut rng) * pulse.sqrt();
         }

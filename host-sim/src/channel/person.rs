@@ -7,6 +7,9 @@
 
 use super::SPEED_OF_LIGHT_M_S;
 
+/// Nobody is nearer to an antenna than this, metres.
+const NEAREST_M: f64 = 0.25;
+
 /// Amplitude factor of a person of `width_m` at `person_m` on a leg from `from_m` to `to_m`. Persons before its start or
 /// behind its end do not matter.
 pub fn shadow(from_m: [f64; 2], to_m: [f64; 2], person_m: [f64; 2], width_m: f64, frequency_hz: f64) -> f64 {
@@ -32,7 +35,9 @@ pub fn shadow(from_m: [f64; 2], to_m: [f64; 2], person_m: [f64; 2], width_m: f64
     // An edge on its own side of the path hides something; past the path, it gives that back.
     let missing_low = if low < 0.0 { missing(low) } else { -missing(low) };
     let missing_high = if high > 0.0 { missing(high) } else { -missing(high) };
-    1.0 - (missing_low + missing_high)
+    // From there on the shadow is full; nearer than anybody is, it fades out.
+    let depth = (before.min(behind) / (0.5 * width_m).min(NEAREST_M)).min(1.0);
+    1.0 - depth * depth * (3.0 - 2.0 * depth) * (missing_low + missing_high)
 }
 
 #[cfg(test)]
@@ -66,5 +71,10 @@ mod tests {
             assert!((at(aside_m) - at(aside_m + 0.0005)).abs() < 0.01, "{aside_m}");
         }
         assert!((at(0.3) - at(-0.3)).abs() < 1e-12);
+        for n in 0..2000 {
+            let along = |x_m: f64| shadow([0.0, 0.0], [6.0, 0.0], [x_m, 0.1], 0.5, 7e9);
+            let x_m = -0.5 + 0.0005 * f64::from(n);
+            assert!((along(x_m) - along(x_m + 0.0005)).abs() < 0.01, "{x_m}");
+        }
     }
 }

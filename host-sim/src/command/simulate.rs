@@ -2,6 +2,7 @@
 
 use super::{print, print_json, progress};
 use crate::Failure;
+use cogmint::input_error::InputError;
 use cogmint::recording::{MAX_FRAMES, Recording};
 use cogmint::scenario::Scenario;
 use cogmint::simulator::Simulator;
@@ -57,9 +58,11 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let anchors = scenario.anchors.len();
     let per_frame = 8 * simulator.channel().receiver().samples;
     if cycles * anchors > MAX_FRAMES.min(MAX_BYTES / per_frame) {
-        return Err(Failure::Work(format!(
-            "{cycles} cycles of {anchors} anchors are more than one recording holds; --cycles takes fewer"
-        )));
+        let most = MAX_FRAMES.min(MAX_BYTES / per_frame) / anchors;
+        let reason = format!("has {cycles} cycles of {anchors} anchors, more than one recording holds");
+        return Err(InputError::new(&options.scenario, reason)
+            .allowed(format!("--cycles up to {most}"))
+            .into());
     }
     let bar = progress(cycles, "simulating");
     let begin = std::time::Instant::now();

@@ -48,7 +48,7 @@ pub struct ResponseMaker {
 impl ResponseMaker {
     /// Responses of `samples` samples, `spacing_s` apart.
     pub fn new(pulse: PulseSpectrum, samples: usize, spacing_s: f64) -> Self {
-        let lattice = Lattice::new(samples, spacing_s);
+        let lattice = Lattice::new(samples, spacing_s, pulse.duration_s());
         let last = lattice.nearest(pulse.half_band_hz());
         let band = (-last..=last).map(|point| {
             let offset_hz = lattice.frequency_hz(point);

@@ -174,6 +174,10 @@ impl Recording {
             }
             check_key(format!("anchors.{index}.height_m"), *height_m, POSITION)?;
         }
+        if self.virtual_anchors.len() > usize::from(u16::MAX) {
+            return Err(Fault::key("virtual_anchors", format!("has {} entries", self.virtual_anchors.len()))
+                .allowed("at most 65535"));
+        }
         for (index, virtual_anchor) in self.virtual_anchors.iter().enumerate() {
             let key = |field: &str| format!("virtual_anchors.{index}.{field}");
             if virtual_anchor.anchor >= self.anchors.len() {

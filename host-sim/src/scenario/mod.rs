@@ -32,7 +32,7 @@ pub struct Scenario {
     #[schemars(range(min = 1, max = 1))]
     pub format: u32,
     /// A short name, for tables and figures.
-    #[schemars(length(min = 1, max = 200))]
+    #[schemars(length(min = 1, max = 150))]
     pub name: String,
     /// What the scenario is about, for people.
     #[serde(default)]

@@ -22,6 +22,8 @@ use heapless::Vec;
 const STRONG: f32 = 316.0;
 /// Half the width skipped around a strong path, pulse durations.
 const SKIP_PULSES: f32 = 1.5;
+/// Share of its energy that a path keeps on the sample grid, at least.
+const SCALLOPING: f32 = 0.7;
 /// Passes of the noise fit before the first path, and before each further one.
 const FIRST_REFINEMENTS: usize = 8;
 const REFINEMENTS: usize = 2;
@@ -167,7 +169,8 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             before = gain;
         }
         let (n, left, gain, right) = best;
-        if gain <= self.estimator.threshold {
+        // Between two samples a path has lost up to 1.2 dB: what falls short by more need not be looked at.
+        if gain <= SCALLOPING * self.estimator.fitted_threshold {
             return false;
         }
         let position = n as f32 + parabola_vertex(left, gain, right);
@@ -182,6 +185,10 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             residual = [re - a_re * r, im - a_im * r];
         }
         let q2 = power(&residual) / level;
+        let gain = larger(gain, q2 / s);
+        if gain <= self.estimator.fitted_threshold {
+            return false;
+        }
         let prior = larger((q2 - s) / (s * s), 1.0);
         let component = Component { position, prior, level, matched, amplitude: residual, gain };
         self.components.push(component).is_ok()
@@ -327,7 +334,8 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     fn weakest_or_merged(&self) -> Option<usize> {
         let mut drop: Option<(usize, f32)> = None;
         for (k, component) in self.components.iter().enumerate() {
-            if component.gain < self.estimator.threshold && drop.is_none_or(|(_, gain)| component.gain < gain)
+            if component.gain < self.estimator.fitted_threshold
+                && drop.is_none_or(|(_, gain)| component.gain < gain)
             {
                 drop = Some((k, component.gain));
             }

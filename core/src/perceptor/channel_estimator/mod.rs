@@ -16,7 +16,7 @@ mod noise;
 
 use crate::observation::{Complex, Samples};
 use crate::pulse::{Pulse, PulseTable};
-use crate::real::{SPEED_OF_LIGHT_M_S, larger, ln, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
 
@@ -67,7 +67,10 @@ pub struct ChannelEstimator<const PATHS: usize> {
     table: PulseTable,
     interpolation: Interpolation,
     sample_spacing_s: f32,
+    /// kappa beside a level that is known.
     threshold: f32,
+    /// kappa beside a level that was fitted to dense multipath.
+    fitted_threshold: f32,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -75,18 +78,20 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     /// `false_paths` paths per frame of pure noise on average (1e-4 to 10).
     pub fn new(pulse: Pulse, sample_spacing_s: f32, samples: usize, false_paths: f32) -> Self {
         let window_s = samples as f32 * sample_spacing_s;
+        let threshold = detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths);
         Self {
             pulse,
             table: PulseTable::new(&pulse, sample_spacing_s),
             interpolation: Interpolation::new(),
             sample_spacing_s,
-            threshold: detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths),
+            threshold,
+            fitted_threshold: fitted_threshold(&pulse, threshold),
         }
     }
 
-    /// Threshold kappa on a path's normalised energy.
+    /// Threshold kappa on a path's normalised energy in complex frames.
     pub fn threshold(&self) -> f32 {
-        self.threshold
+        self.fitted_threshold
     }
 
     /// Estimates the paths of a frame whose first sample stands for a delay of `first_sample_delay_s`.
@@ -120,6 +125,18 @@ fn detection_threshold(bandwidth_window: f32, false_paths: f32) -> f32 {
         threshold = larger(ln(crossings / false_paths), 1.0);
     }
     threshold
+}
+
+/// Independent samples that a fitted level is worth: those within 2.5 decay times of the dense multipath.
+const LEVEL_DECAYS: f32 = 2.5;
+
+/// kappa where the level is a mean of n samples itself: the energy over it then exceeds kappa with probability
+/// (1 + kappa / n)^-n instead of exp(-kappa), so that n (exp(kappa / n) - 1) takes kappa's place.
+fn fitted_threshold(pulse: &Pulse, threshold: f32) -> f32 {
+    // T_eff: what the matched filter makes one sample of.
+    let sample_s = pulse.duration_s * (1.0 - 0.25 * pulse.roll_off);
+    let samples = LEVEL_DECAYS * noise::DECAY_S / sample_s;
+    samples * (exp(threshold / samples) - 1.0)
 }
 
 #[cfg(test)]

@@ -172,7 +172,8 @@ impl<T: Real> Fit<'_, T> {
         }
         let Some(n) = best else { return false };
         let gain = gains[n];
-        if gain <= self.estimator.threshold {
+        // Off the grid, a path may be stronger than on it.
+        if gain <= T::of(0.7) * self.estimator.fitted_threshold {
             return false;
         }
         let left = if n > 0 { gains[n - 1] } else { T::ZERO };
@@ -184,6 +185,10 @@ impl<T: Real> Fit<'_, T> {
         let matched = self.estimator.interpolation.at(self.samples, position);
         let amplitude = self.subtract(matched, position, None);
         let q2 = power(amplitude) / level;
+        let gain = larger(gain, q2 / s);
+        if gain <= self.estimator.fitted_threshold {
+            return false;
+        }
         let prior = larger((q2 - s) / square(s), T::ONE);
         if self.components.len() == self.estimator.most_paths {
             return false;
@@ -298,7 +303,7 @@ impl<T: Real> Fit<'_, T> {
         for k in 0..self.components.len() {
             let gain = self.components[k].gain;
             let weaker = weakest.is_none_or(|weakest| gain < self.components[weakest].gain);
-            if gain < self.estimator.threshold && weaker {
+            if gain < self.estimator.fitted_threshold && weaker {
                 weakest = Some(k);
             }
         }

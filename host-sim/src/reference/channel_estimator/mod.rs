@@ -12,7 +12,7 @@ mod magnitude;
 mod noise;
 
 use super::pulse::{Pulse, PulseTable};
-use super::real::{Real, larger, ln, pi, speed_of_light, sqrt, square};
+use super::real::{Real, exp, larger, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::observation::Samples;
 use interpolation::Interpolation;
 
@@ -47,8 +47,10 @@ pub struct ChannelEstimator<T> {
     table: PulseTable<T>,
     interpolation: Interpolation<T>,
     sample_spacing_s: T,
-    /// kappa.
+    /// kappa beside a known level,
     threshold: T,
+    /// and beside one fitted to n samples: n (exp(kappa / n) - 1), n those of 2.5 decay times.
+    fitted_threshold: T,
     /// Most paths reported.
     most_paths: usize,
 }
@@ -70,12 +72,16 @@ impl<T: Real> ChannelEstimator<T> {
             let crossings = num(2.0) * bandwidth_window * sqrt(pi::<T>() * threshold) + T::ONE;
             threshold = larger(ln(crossings / false_paths), T::ONE);
         }
+        let sample_s = pulse.duration_s * (T::ONE - num(0.25) * pulse.roll_off);
+        let worth = num(2.5) * num(noise::DECAY_S) / sample_s;
+        let fitted_threshold = worth * (exp(threshold / worth) - T::ONE);
         Self {
             pulse,
             table: PulseTable::new(&pulse, sample_spacing_s),
             interpolation: Interpolation::new(),
             sample_spacing_s,
             threshold,
+            fitted_threshold,
             most_paths,
         }
     }

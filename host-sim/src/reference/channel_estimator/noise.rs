@@ -8,7 +8,7 @@
 
 use crate::reference::real::{Real, exp, larger, smaller};
 
-const DECAY_S: f32 = 20e-9;
+pub(super) const DECAY_S: f32 = 20e-9;
 const RISE_S: f32 = 5e-9;
 /// chi.
 const ONSET: f32 = 0.98;
