@@ -12,8 +12,8 @@
 use crate::channel::pulse::PulseSpectrum;
 use crate::channel::{Channel, Component, SPEED_OF_LIGHT_M_S};
 
-/// Paths further apart than this many pulse durations do not overlap.
-const REACH: f64 = 6.0;
+/// Paths further apart than this many pulse durations do not overlap. Nearer a cut would make the matrix indefinite.
+const REACH: f64 = 30.0;
 
 /// Information about the position, 1/m^2: xx, xy, yy.
 pub type Information = [f64; 3];
@@ -35,8 +35,11 @@ pub fn information(pulse: &PulseSpectrum, components: &[Component], directions: 
     let factor = cholesky(gram);
     // Rows of D L^-T: their products are D G^-1 D'.
     let solved: Vec<Vec<f64>> = slopes.iter().map(|row| forward(&factor, row)).collect();
-    let whitened =
-        |k: usize| components[k].amplitude * (components[k].sinr.sqrt() / components[k].magnitude());
+    // What metal lets through may be nothing at all.
+    let whitened = |k: usize| {
+        let magnitude = components[k].magnitude().max(f64::MIN_POSITIVE);
+        components[k].amplitude * (components[k].sinr.sqrt() / magnitude)
+    };
     let mut sum = [0.0; 3];
     for k in 0..count {
         for l in 0..count {

@@ -314,3 +314,69 @@ fn a_dw3000_logs_counts_around_the_first_path_with_a_known_delay() {
         }
     }
 }
+
+#[test]
+fn dense_multipath_belongs_to_the_room_and_noise_to_the_trajectory() {
+    let two_ways = |more: &str| {
+        let mut scenario = hall(more);
+        let mut second = scenario.trajectories[0].clone();
+        // The same places, and more of them behind.
+        second.cycles = Some(510);
+        scenario.trajectories.push(second);
+        [0, 1].map(|trajectory| Channel::new(&scenario, None, trajectory, Some(3)).expect("is usable"))
+    };
+    let correlation = |channels: &[Channel; 2]| {
+        let (mut cross, mut own) = (0.0, 0.0);
+        for cycle in (0..500).step_by(25) {
+            let [a, b] =
+                [0, 1].map(|n| channels[n].samples(cycle, 0, 20, 30e-9, &mut FrameScratch::default(), None));
+            for (a, b) in a.iter().zip(&b) {
+                cross += (a * b.conj()).re;
+                own += 0.5 * (a.norm_sqr() + b.norm_sqr());
+            }
+        }
+        cross / own
+    };
+    let same =
+        correlation(&two_ways("noise = { snr_at_1_m_db = 120 }\n dense_multipath = { omega_1_db = -10 }"));
+    assert!(same > 0.999, "{same}");
+    let noise = correlation(&two_ways(QUIET));
+    assert!(noise.abs() < 0.05, "{noise}");
+    let independent = "noise = { snr_at_1_m_db = 120 }\n dense_multipath = { fading = 'independent' }";
+    let independent = correlation(&two_ways(independent));
+    assert!(independent.abs() < 0.1, "{independent}");
+}
+
+/// What is said of noise and multipath at the direct path's delay is what the samples there show, also for pulses as
+/// long as the profile's onset.
+#[test]
+fn the_disturbance_that_sinr_counts_is_the_power_of_the_samples() {
+    for (radio, pulse) in [
+        ("kind = 'sounder'", "0.5 ns"),
+        ("kind = 'dw1000', window = { first_path = { sample = 100 } }", "2 ns"),
+    ] {
+        let more = format!(
+            "radio = {{ {radio} }}\n noise = {{ snr_at_1_m_db = 70 }}\n dense_multipath = {{ omega_1_db = -10, fading = 'independent' }}"
+        );
+        let mut scenario = hall(&more);
+        // The direct path is as good as gone: what is left at its delay disturbs it.
+        scenario.obstructions[0].loss_db = 300.0;
+        let (mut measured, mut claimed) = (0.0, 0.0);
+        let mut scratch = FrameScratch::default();
+        for seed in 0..8 {
+            let channel = Channel::new(&scenario, None, 0, Some(seed)).expect("is usable");
+            let spacing_s = channel.receiver().sample_spacing_s;
+            let action = channel.receiver().first_action;
+            for cycle in 0..500 {
+                let delay_s = channel.direct_delay_s(cycle, 0);
+                let origin_s = delay_s - 20.0 * spacing_s;
+                let samples = channel.samples(cycle, 0, action, origin_s, &mut scratch, None);
+                measured += samples[20].norm_sqr();
+                claimed += channel.disturbance(cycle, 0, action, delay_s);
+            }
+        }
+        println!("{pulse}: measured over claimed disturbance {:.3}", measured / claimed);
+        // 4000 exponentially distributed powers: 1.6 %.
+        assert!((measured / claimed - 1.0).abs() < 0.07, "{pulse}: {}", measured / claimed);
+    }
+}

@@ -55,6 +55,12 @@ impl ProfileTable {
         Self { step_s, values }
     }
 
+    /// Power density at `excess_s` after the onset, 1/s.
+    pub fn density(&self, excess_s: f64) -> f64 {
+        let amplitude = self.amplitude(excess_s);
+        amplitude * amplitude
+    }
+
     /// Amplitude density at `excess_s` after the onset, 1/sqrt(s); zero outside the profile.
     fn amplitude(&self, excess_s: f64) -> f64 {
         if excess_s < 0.0 {

@@ -124,17 +124,20 @@ impl Interferer {
     }
 
     fn drawn(&self, channel: &Channel, stream: &[usize]) -> Scatterers {
-        let anchor = stream.first().copied().unwrap_or(0);
-        channel.scatterers(anchor, stream, self.profile.length_s(), self.onset_s)
+        channel.scatterers(stream, self.profile.length_s(), self.onset_s)
     }
 
-    /// Power density over the delay, 1/s, at `excess_s` after the direct path.
-    pub(super) fn power(&self, anchor: usize, cycle: usize, excess_s: f64) -> f64 {
+    /// Power density over the delay, 1/s, at `excess_s` after the direct path, as a pulse smears it.
+    pub(super) fn power(&self, anchor: usize, cycle: usize, excess_s: f64, pulse: &PulseSpectrum) -> f64 {
         if self.cycles.contains(&cycle) && self.reaches[anchor] {
-            self.omega * self.profile.density(excess_s - self.onset_s)
+            self.omega * self.smeared(pulse, excess_s)
         } else {
             0.0
         }
+    }
+
+    fn smeared(&self, pulse: &PulseSpectrum, excess_s: f64) -> f64 {
+        pulse.smeared(&self.table, excess_s - self.onset_s) / pulse.effective_duration_s()
     }
 
     /// The paths that a tracker would use on the interferer's part of the way, at the library's entry nearest to its
@@ -152,7 +155,7 @@ impl Interferer {
                 let components = channel.components(cycle, anchor, action);
                 for component in components.into_iter().filter(|component| component.sinr >= USED_SINR) {
                     let power = component.amplitude.norm_sqr();
-                    let density = self.profile.density(component.delay_s - direct_s - self.onset_s);
+                    let density = self.smeared(&bands[action].spectrum, component.delay_s - direct_s);
                     paths.push(UsedPath {
                         power,
                         disturbance: power / component.sinr,

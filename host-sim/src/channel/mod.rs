@@ -122,11 +122,9 @@ pub struct Channel {
     /// Per anchor, unless drawn anew for every frame.
     scatterers: Vec<Scatterers>,
     interferers: Vec<Interferer>,
-    /// Per anchor: least and largest delay of the straight line along the way, seconds.
-    direct_delays_s: Vec<[f64; 2]>,
-    /// Per anchor: least and largest delay that any frame shows, seconds.
-    frame_delays_s: Vec<[f64; 2]>,
-    /// Centre of the trajectory, and its farthest point from there, metres.
+    /// Least and largest delay that any frame shows, seconds.
+    frame_delays_s: [f64; 2],
+    /// Centre of the room, and its farthest corner from there, metres.
     centre_m: [f64; 2],
     radius_m: f64,
 }
@@ -143,14 +141,7 @@ impl Channel {
         trajectory: usize,
         seed: Option<u64>,
     ) -> Result<Self, InputError> {
-        let Some(way) = scenario.trajectories.get(trajectory) else {
-            return Err(InputError::new(&scenario.name, format!("has no trajectory {trajectory}"))
-                .allowed(format!("0 to {}", scenario.trajectories.len() - 1)));
-        };
-        let poses = trajectory::poses(way, folder)?;
-        if let Way::Recorded { file } = &way.way {
-            stays_inside(&poses, &scenario.room, &folder.unwrap_or(Path::new("")).join(file))?;
-        }
+        let poses = poses(scenario, folder, trajectory)?;
         let mut channel = Self::along(scenario, poses, seed.unwrap_or(scenario.seed))?;
         channel.trajectory = trajectory;
         Ok(channel)
@@ -173,7 +164,7 @@ impl Channel {
             .collect();
         let order = scenario.propagation.reflection_order;
         let images = scenario.anchors.iter().map(|a| image_sources(&walls, a.position_m, order)).collect();
-        let (centre_m, radius_m) = surroundings(&poses);
+        let (centre_m, radius_m) = surroundings(&scenario.room.corners_m);
         let mut channel = Self {
             profile: ProfileTable::new(&scenario.dense_multipath.profile),
             scenario: scenario.clone(),
@@ -188,20 +179,15 @@ impl Channel {
             bands,
             scatterers: Vec::new(),
             interferers: Vec::new(),
-            direct_delays_s: Vec::new(),
-            frame_delays_s: Vec::new(),
+            frame_delays_s: [0.0; 2],
             centre_m,
             radius_m,
         };
-        for anchor in 0..scenario.anchors.len() {
-            let direct = (0..channel.poses.len()).map(|cycle| channel.direct_delay_s(cycle, anchor));
-            channel.direct_delays_s.push(extent(direct));
-            channel.frame_delays_s.push(channel.frame_delays_s(anchor));
-        }
+        channel.frame_delays_s = channel.frame_delays_s();
         if scenario.dense_multipath.fading == Fading::Correlated {
             let profile = scenario.dense_multipath.profile;
             channel.scatterers = (0..scenario.anchors.len())
-                .map(|anchor| channel.scatterers(anchor, &[anchor], profile.length_s(), 0.0))
+                .map(|anchor| channel.scatterers(&[anchor], profile.length_s(), 0.0))
                 .collect();
         }
         // Strengths stated as a SINR need the rest of the channel.
@@ -282,23 +268,25 @@ impl Channel {
         ((x - u) * (x - u) + (y - v) * (y - v) + up * up).sqrt() / SPEED_OF_LIGHT_M_S
     }
 
-    fn frame_delays_s(&self, anchor: usize) -> [f64; 2] {
+    /// Least and largest delay that any frame shows, wherever in the room the tag is.
+    fn frame_delays_s(&self) -> [f64; 2] {
         let [before_s, after_s] = self.lattice.reach_s();
         let errors = &self.scenario.errors;
         let end_s = self.poses.last().map_or(0.0, |pose| pose.time_s);
+        let bias_m = self.scenario.anchors.iter().map(|anchor| anchor.range_bias_m.abs()).fold(0.0, f64::max);
         let late_s = errors.clock_offset_s.abs()
             + errors.clock_drift.abs() * end_s.abs()
+            + bias_m / SPEED_OF_LIGHT_M_S
             + 6.0 * errors.timestamp_std_s;
         let [first_s, last_s] = match self.receiver.window {
             Window::Absolute { first_sample_delay_s } => {
                 [first_sample_delay_s - late_s, first_sample_delay_s + late_s]
             }
             Window::FirstPath { sample } => {
-                let starts = (0..self.poses.len()).map(|cycle| {
-                    self.first_path_s(cycle, anchor) - (sample + 1) as f64 * self.receiver.sample_spacing_s
-                });
-                let [first_s, last_s] = extent(starts);
-                [first_s, last_s + self.receiver.sample_spacing_s]
+                let lead_s = (sample + 1) as f64 * self.receiver.sample_spacing_s;
+                // The first path may be one of the highest order.
+                let legs = (self.scenario.propagation.reflection_order + 1) as f64;
+                [-lead_s, legs * 2.0 * self.radius_m / SPEED_OF_LIGHT_M_S]
             }
         };
         [first_s + before_s, last_s + after_s]
@@ -310,14 +298,14 @@ impl Channel {
         delays.reduce(f64::min).unwrap_or_else(|| self.direct_delay_s(cycle, anchor))
     }
 
-    /// Scatterers at every delay from an anchor that a profile beginning `onset_s` after the direct path and `length_s`
-    /// long reaches inside any frame of the way.
-    fn scatterers(&self, anchor: usize, stream_of: &[usize], length_s: f64, onset_s: f64) -> Scatterers {
-        let turn_s = self.radius_m / SPEED_OF_LIGHT_M_S;
-        let [nearest_s, farthest_s] = self.direct_delays_s[anchor];
-        let [earliest_s, latest_s] = self.frame_delays_s[anchor];
-        let from_s = (nearest_s + onset_s).max(earliest_s) - turn_s;
-        let to_s = (farthest_s + onset_s + length_s).min(latest_s) + turn_s;
+    /// Scatterers at every delay that a profile beginning `onset_s` after a direct path and `length_s` long reaches
+    /// inside any frame, wherever in the room the tag is: they belong to the room, not to a way through it.
+    fn scatterers(&self, stream_of: &[usize], length_s: f64, onset_s: f64) -> Scatterers {
+        let crossing_s = 2.0 * self.radius_m / SPEED_OF_LIGHT_M_S;
+        let [earliest_s, latest_s] = self.frame_delays_s;
+        let turn_s = 0.5 * crossing_s;
+        let from_s = onset_s.max(earliest_s) - turn_s;
+        let to_s = (crossing_s + onset_s + length_s).min(latest_s) + turn_s;
         let interval_s = [from_s, to_s.max(from_s)];
         let shortest = self.receiver.actions.iter().map(|a| a.pulse_duration_s).fold(f64::INFINITY, f64::min);
         let mut rng = stream(self.seed, Purpose::Scatterers, stream_of);
@@ -354,15 +342,10 @@ impl Channel {
         let band = &self.bands[action];
         let excess_s = delay_s - self.direct_delay_s(cycle, anchor);
         let slope = REFERENCE_HZ / band.carrier_hz;
-        let dense = self.omega()
-            * slope
-            * slope
-            * self.scenario.dense_multipath.profile.density(excess_s)
-            * band.spectrum.effective_duration_s();
-        let interference = self
-            .interferers
-            .iter()
-            .map(|interferer| interferer.power(anchor, cycle, excess_s) * interferer.received_s[action]);
+        let dense = self.omega() * slope * slope * band.spectrum.smeared(&self.profile, excess_s);
+        let interference = self.interferers.iter().map(|interferer| {
+            interferer.power(anchor, cycle, excess_s, &band.spectrum) * interferer.received_s[action]
+        });
         1.0 + dense + interference.sum::<f64>()
     }
 
@@ -462,7 +445,7 @@ impl Channel {
             Some(scatterers) => scatterers.spread(&self.lattice, grid, &view, omega, &self.profile),
             None => {
                 let length_s = self.scenario.dense_multipath.profile.length_s();
-                let drawn = self.scatterers(anchor, &[anchor, 0, self.trajectory, cycle], length_s, 0.0);
+                let drawn = self.scatterers(&[anchor, 0, self.trajectory, cycle], length_s, 0.0);
                 drawn.spread(&self.lattice, grid, &view, omega, &self.profile);
             }
         }
@@ -503,19 +486,33 @@ pub struct FrameScratch {
     path: Vec<Complex64>,
 }
 
+/// Where the tag is in every cycle of a trajectory of `scenario`; `folder` is where recorded ones are looked for.
+///
+/// # Errors
+/// There is no such trajectory, or its file cannot be used or leads out of the room.
+pub fn poses(scenario: &Scenario, folder: Option<&Path>, trajectory: usize) -> Result<Vec<Pose>, InputError> {
+    let Some(way) = scenario.trajectories.get(trajectory) else {
+        return Err(InputError::new(&scenario.name, format!("has no trajectory {trajectory}"))
+            .allowed(format!("0 to {}", scenario.trajectories.len() - 1)));
+    };
+    let poses = trajectory::poses(way, folder)?;
+    if let Way::Recorded { file } = &way.way {
+        stays_inside(&poses, &scenario.room, &folder.unwrap_or(Path::new("")).join(file))?;
+    }
+    Ok(poses)
+}
+
 /// Recorded ways are not part of the scenario's own checks: they must stay inside the room and pass no wall.
 fn stays_inside(poses: &[Pose], room: &scenario::Room, file: &Path) -> Result<(), InputError> {
     let walls = scenario::walls(room);
     for (row, pose) in poses.iter().enumerate() {
         let [x, y] = pose.position_m;
-        // One line for the header, and lines count from 1.
         let refuse = |reason: String| {
-            InputError::new(file, reason)
-                .at_line(row as u64 + 2)
+            InputError::new(file, format!("{reason} in row {}, counted from 1 after the header", row + 1))
                 .allowed("positions inside the room, off its walls")
         };
         if !polygon::contains(&room.corners_m, pose.position_m) {
-            return Err(refuse(format!("leads out of the room at ({x}, {y})")));
+            return Err(refuse(format!("leads out of the room, to ({x}, {y}),")));
         }
         let before_m = poses[row.saturating_sub(1)].position_m;
         let leg = Wall { ends_m: [before_m, pose.position_m], construction: 0 };
@@ -523,7 +520,7 @@ fn stays_inside(poses: &[Pose], room: &scenario::Room, file: &Path) -> Result<()
             polygon::nearer(&leg, &Wall { ends_m, construction: 0 }, scenario::CLEARANCE_M)
         };
         if walls.iter().any(at_wall) {
-            return Err(refuse(format!("leads into or through a wall at ({x}, {y})")));
+            return Err(refuse(format!("leads into or through a wall, to ({x}, {y}),")));
         }
     }
     Ok(())
@@ -591,18 +588,18 @@ fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
 }
 
-/// Centre of a way and its farthest point from there, metres.
-fn surroundings(poses: &[Pose]) -> ([f64; 2], f64) {
+/// Centre of a room and its farthest corner from there, metres.
+fn surroundings(corners_m: &[[f64; 2]]) -> ([f64; 2], f64) {
     let centre = |axis: usize| {
-        let [low, high] = extent(poses.iter().map(|pose| pose.position_m[axis]));
+        let [low, high] = extent(corners_m.iter().map(|corner| corner[axis]));
         0.5 * (low + high)
     };
     let centre_m = [0, 1].map(centre);
-    let squared = |pose: &Pose| {
-        let [dx, dy] = [0, 1].map(|axis| pose.position_m[axis] - centre_m[axis]);
+    let squared = |corner: &[f64; 2]| {
+        let [dx, dy] = [0, 1].map(|axis| corner[axis] - centre_m[axis]);
         dx * dx + dy * dy
     };
-    (centre_m, poses.iter().map(squared).fold(0.0, f64::max).sqrt())
+    (centre_m, corners_m.iter().map(squared).fold(0.0, f64::max).sqrt())
 }
 
 /// Where a smooth single-peaked function is largest within `reach` of zero: five looks, then a parabola through the

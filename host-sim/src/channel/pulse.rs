@@ -9,6 +9,7 @@ use crate::scenario::Pulse;
 use rustfft::num_complex::Complex64;
 
 use super::cis;
+use super::dense_multipath::ProfileTable;
 
 /// A pulse's power spectrum around its carrier, of unit integral.
 #[derive(Clone, Debug)]
@@ -20,6 +21,8 @@ pub struct PulseSpectrum {
     /// Inverse of the integral before scaling.
     scale: f64,
     effective_duration_s: f64,
+    /// R^2 times the step around zero lag, its sum T_eff.
+    smear: Vec<f64>,
     /// P times the step, at the middles of equal parts of the band.
     coarse: Vec<f64>,
     /// Beyond the first of these the receiver's filter begins to cut, at the second it has: hertz from the carrier.
@@ -34,6 +37,9 @@ enum Shape {
 
 /// Points of the integrals over the band.
 const POINTS: usize = 4096;
+/// Lags per pulse duration at which dense multipath is smeared, and how many to either side.
+const SMEAR_STEPS: f64 = 4.0;
+const SMEAR_REACH: i32 = 12;
 /// Points of the autocorrelation: enough for lags of 30 pulse durations.
 const COARSE_POINTS: usize = 128;
 
@@ -58,6 +64,7 @@ impl PulseSpectrum {
             half_band_hz: band_hz.min(nyquist_hz),
             scale: 1.0,
             effective_duration_s: 0.0,
+            smear: Vec::new(),
             coarse: Vec::new(),
             receiver_hz: [0.8 * nyquist_hz, nyquist_hz],
         };
@@ -66,6 +73,13 @@ impl PulseSpectrum {
         let step_hz = 2.0 * spectrum.half_band_hz / COARSE_POINTS as f64;
         let middle_hz = |n: usize| -spectrum.half_band_hz + (n as f64 + 0.5) * step_hz;
         spectrum.coarse = (0..COARSE_POINTS).map(|n| spectrum.power(middle_hz(n)) * step_hz).collect();
+        let squares = (-SMEAR_REACH..=SMEAR_REACH).map(|n| {
+            let [r, ..] = spectrum.autocorrelation(f64::from(n) * duration_s / SMEAR_STEPS);
+            r * r
+        });
+        let squares: Vec<f64> = squares.collect();
+        let scale = spectrum.effective_duration_s / squares.iter().sum::<f64>();
+        spectrum.smear = squares.into_iter().map(|square| square * scale).collect();
         spectrum
     }
 
@@ -139,6 +153,16 @@ impl PulseSpectrum {
             sum[2] -= power * turn * turn * cos;
         }
         sum
+    }
+
+    /// What the matched filter keeps of a profile at `excess_s` after its onset: int S(t - u) R^2(u) du.
+    pub fn smeared(&self, profile: &ProfileTable, excess_s: f64) -> f64 {
+        let step_s = self.duration_s / SMEAR_STEPS;
+        let at = |(n, weight): (usize, &f64)| {
+            let lag_s = (n as f64 - (self.smear.len() / 2) as f64) * step_s;
+            weight * profile.density(excess_s - lag_s)
+        };
+        self.smear.iter().enumerate().map(at).sum()
     }
 
     /// Share of what `other`, `distance_hz` away, sends that this pulse's matched filter keeps, over what it would

@@ -131,12 +131,12 @@ fn permittivity(material: &Material, frequency_hz: f64) -> Complex64 {
     Complex64::new(a * libm::pow(f_ghz, b), -CONDUCTIVITY_SCALE * c * libm::pow(f_ghz, d) / f_ghz)
 }
 
-/// The root with the positive real part: the wave that decays into the wall.
+/// The root whose wave decays into the wall: imaginary parts are never positive, that of -1 included.
 fn square_root(z: Complex64) -> Complex64 {
     let length = (z.re * z.re + z.im * z.im).sqrt();
     let re = (0.5 * (length + z.re)).max(0.0).sqrt();
     let im = (0.5 * (length - z.re)).max(0.0).sqrt();
-    Complex64::new(re, if z.im < 0.0 { -im } else { im })
+    Complex64::new(re, -im)
 }
 
 fn amplitude(decibel: f64) -> f64 {
@@ -294,6 +294,14 @@ mod tests {
         let air = slab(1.0, 0.0, 0.0, 0.3).response(7e9, 0.3, Polarisation::Vertical);
         assert!(air.reflection.norm() < 1e-12);
         assert!((air.transmission - 1.0).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_lossless_wall_that_no_wave_enters_reflects_everything_however_thick() {
+        let thin_air = Slab::Layered(vec![(Material { a: 1.0, b: -2.0, c: 0.0, d: 0.0 }, 5.0)]);
+        let response = thin_air.response(7e9, 0.3, Polarisation::Vertical);
+        assert!((response.reflection.norm() - 1.0).abs() < 1e-12, "{}", response.reflection);
+        assert!(response.transmission.norm() < 1e-12);
     }
 
     /// The slab formula of ITU-R P.2040 written out.

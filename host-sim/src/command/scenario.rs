@@ -3,7 +3,7 @@
 use super::{print, print_json};
 use crate::Failure;
 use cogmint::input_error::InputError;
-use cogmint::scenario::{BUILT_IN, Scenario};
+use cogmint::scenario::{BUILT_IN, Scenario, Way};
 
 #[derive(clap::Subcommand)]
 pub enum Action {
@@ -26,7 +26,12 @@ pub enum Action {
 pub fn run(action: &Action) -> Result<(), Failure> {
     match action {
         Action::Check { file } => {
-            let (scenario, _) = Scenario::find(file)?;
+            let (scenario, folder) = Scenario::find(file)?;
+            for (index, trajectory) in scenario.trajectories.iter().enumerate() {
+                if let Way::Recorded { .. } = trajectory.way {
+                    cogmint::channel::poses(&scenario, folder.as_deref(), index)?;
+                }
+            }
             print(&format!(
                 "{file}: is a valid scenario: {}; walls: {}, anchors: {}, trajectories: {}, actions: {}.",
                 scenario.name,

@@ -2,6 +2,7 @@
 
 use super::{print, print_json, progress};
 use crate::Failure;
+use cogmint::channel;
 use cogmint::input_error::InputError;
 use cogmint::recording::{MAX_FRAMES, Recording};
 use cogmint::scenario::Scenario;
@@ -53,10 +54,10 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let (scenario, folder) = Scenario::find(&options.scenario)?;
     // What cannot be written is better refused before the work.
     Recording::may_replace(&options.out)?;
-    let simulator = Simulator::new(&scenario, folder.as_deref(), options.trajectory, options.seed)?;
-    let cycles = simulator.cycles().min(options.cycles.map_or(usize::MAX, |cycles| cycles as usize));
+    let way = channel::poses(&scenario, folder.as_deref(), options.trajectory)?;
+    let cycles = way.len().min(options.cycles.map_or(usize::MAX, |cycles| cycles as usize));
     let anchors = scenario.anchors.len();
-    let per_frame = 8 * simulator.channel().receiver().samples;
+    let per_frame = 8 * scenario.radio.samples();
     if cycles * anchors > MAX_FRAMES.min(MAX_BYTES / per_frame) {
         let most = MAX_FRAMES.min(MAX_BYTES / per_frame) / anchors;
         let reason = format!("has {cycles} cycles of {anchors} anchors, more than one recording holds");
@@ -64,6 +65,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             .allowed(format!("--cycles up to {most}"))
             .into());
     }
+    let simulator = Simulator::new(&scenario, folder.as_deref(), options.trajectory, options.seed)?;
     let bar = progress(cycles, "simulating");
     let begin = std::time::Instant::now();
     let recording = simulator.record(cycles, || bar.inc(1));

@@ -12,6 +12,9 @@ pub const MAX_POSES: usize = 1_000_000;
 /// A pose this little past the end of a way still belongs to it, in steps.
 pub(crate) const ROUNDING: f64 = 1e-6;
 
+/// No recorded way is longer than this.
+const MAX_BYTES: u64 = 256 << 20;
+
 /// Where a tag is in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
@@ -153,6 +156,13 @@ fn recorded(file: &Path, period_s: f64) -> Result<Vec<Pose>, InputError> {
         };
         InputError::new(file, reason).at_line(line)
     };
+    // Neither a device without end nor a file of another kind is read into memory.
+    let usable = std::fs::metadata(file).is_ok_and(|about| about.is_file() && about.len() <= MAX_BYTES);
+    if file.exists() && !usable {
+        return Err(
+            InputError::new(file, "is no file, or too long").allowed(format!("at most {MAX_BYTES} bytes"))
+        );
+    }
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(file).map_err(refuse)?;
     let columns = columns(file, reader.headers().map_err(refuse)?)?;
     let mut poses: Vec<Pose> = Vec::new();

@@ -170,7 +170,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         }
         let (n, left, gain, right) = best;
         // Between two samples a path has lost up to 1.2 dB: what falls short by more need not be looked at.
-        if gain <= SCALLOPING * self.estimator.fitted_threshold {
+        if gain <= SCALLOPING * self.estimator.threshold {
             return false;
         }
         let position = n as f32 + parabola_vertex(left, gain, right);
@@ -186,7 +186,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         }
         let q2 = power(&residual) / level;
         let gain = larger(gain, q2 / s);
-        if gain <= self.estimator.fitted_threshold {
+        if gain <= self.estimator.threshold {
             return false;
         }
         let prior = larger((q2 - s) / (s * s), 1.0);
@@ -334,8 +334,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     fn weakest_or_merged(&self) -> Option<usize> {
         let mut drop: Option<(usize, f32)> = None;
         for (k, component) in self.components.iter().enumerate() {
-            if component.gain < self.estimator.fitted_threshold
-                && drop.is_none_or(|(_, gain)| component.gain < gain)
+            if component.gain < self.estimator.threshold && drop.is_none_or(|(_, gain)| component.gain < gain)
             {
                 drop = Some((k, component.gain));
             }

@@ -24,7 +24,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let white = white_level(|| samples.iter().map(|m| m * m), samples.len());
         // (position, energy, SINR), strongest first.
         let mut peaks: Vec<(f32, f32, f32), PATHS> = Vec::new();
-        let floor = self.threshold * white;
+        let floor = self.known_threshold * white;
         // Each pass takes the strongest maximum not yet taken or shadowed.
         for _ in 0..PATHS {
             let mut best: Option<(f32, f32)> = None;

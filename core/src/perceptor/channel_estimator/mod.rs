@@ -67,10 +67,10 @@ pub struct ChannelEstimator<const PATHS: usize> {
     table: PulseTable,
     interpolation: Interpolation,
     sample_spacing_s: f32,
-    /// kappa beside a level that is known.
+    /// kappa beside a level that is known: magnitudes.
+    known_threshold: f32,
+    /// kappa beside a level that was fitted to dense multipath: complex frames.
     threshold: f32,
-    /// kappa beside a level that was fitted to dense multipath.
-    fitted_threshold: f32,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -78,20 +78,20 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     /// `false_paths` paths per frame of pure noise on average (1e-4 to 10).
     pub fn new(pulse: Pulse, sample_spacing_s: f32, samples: usize, false_paths: f32) -> Self {
         let window_s = samples as f32 * sample_spacing_s;
-        let threshold = detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths);
+        let known_threshold = detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths);
         Self {
             pulse,
             table: PulseTable::new(&pulse, sample_spacing_s),
             interpolation: Interpolation::new(),
             sample_spacing_s,
-            threshold,
-            fitted_threshold: fitted_threshold(&pulse, threshold),
+            known_threshold,
+            threshold: fitted_threshold(&pulse, known_threshold),
         }
     }
 
     /// Threshold kappa on a path's normalised energy in complex frames.
     pub fn threshold(&self) -> f32 {
-        self.fitted_threshold
+        self.threshold
     }
 
     /// Estimates the paths of a frame whose first sample stands for a delay of `first_sample_delay_s`.

@@ -121,7 +121,7 @@ impl<T: Real> NoiseLevel<T> {
             all = [all[0] + term[0], all[1] + term[1]];
         }
         // Per node: both terms weighted with both exponentials, over the node's own samples.
-        let mut own = vec![[[T::ZERO; 2]; 2]; NODES];
+        let mut own = [[[T::ZERO; 2]; 2]; NODES];
         for (j, block) in terms.chunks(self.node_samples).enumerate() {
             let mut weight = [T::ONE; 2];
             for term in block {
@@ -130,7 +130,7 @@ impl<T: Real> NoiseLevel<T> {
                         own[j][part][0] += weight[part] * term[0];
                         own[j][part][1] += weight[part] * term[1];
                     }
-                    weight[part] = weight[part] * step[part];
+                    weight[part] *= step[part];
                 }
             }
         }
@@ -144,7 +144,7 @@ impl<T: Real> NoiseLevel<T> {
                 }
             }
             let [u, v] = [0, 1].map(|term| after[0][term] - num(ONSET) * after[1][term]);
-            self.theta[j] = self.theta[j] * factor(u, v);
+            self.theta[j] *= factor(u, v);
         }
         self.white = larger(self.white * factor(all[0], all[1]), floor);
         self.sum_up();
