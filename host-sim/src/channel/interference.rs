@@ -104,9 +104,12 @@ impl Interferer {
             Strength::MedianSinrDb(db) => {
                 let paths = interferer.used_paths(channel);
                 let clean_db = 10.0 * libm::log10(median_sinr(&paths, 0.0));
-                // Also where there is no path at all.
-                if !(clean_db > db) {
-                    let reason = format!("is {db}, but without the interferer it is {clean_db:.1} already");
+                if paths.is_empty() || clean_db <= db {
+                    let reason = if paths.is_empty() {
+                        format!("is {db}, but no path is in use on the interferer's part of the way")
+                    } else {
+                        format!("is {db}, but without the interferer it is {clean_db:.1} already")
+                    };
                     let key = format!("interference.{index}.strength.median_sinr_db");
                     return Err(InputError::new(&channel.scenario.name, reason).for_item(key));
                 }
