@@ -117,7 +117,6 @@ mod tests {
             source: 0,
             delay_s: delay_ns * 1e-9,
             amplitude: Complex64::from_polar(sinr.sqrt(), phase),
-            shift_s: 0.0,
             sinr,
         }
     }

@@ -6,6 +6,7 @@
 
 use crate::channel::Channel;
 use crate::channel::random::{Purpose, normal, stream};
+use crate::geometry::distance_m;
 use crate::geometry::image_source::ImageSource;
 use crate::input_error::InputError;
 use crate::recording::VirtualAnchor;
@@ -134,8 +135,4 @@ fn strengths(channel: &Channel) -> Vec<Strength> {
         }));
     }
     strengths
-}
-
-fn distance_m([x, y]: [f64; 2], [u, v]: [f64; 2]) -> f64 {
-    ((x - u) * (x - u) + (y - v) * (y - v)).sqrt()
 }

@@ -89,8 +89,6 @@ pub struct Component {
     pub delay_s: f64,
     /// Its response after the matched filter where that is largest, in standard deviations of the noise.
     pub amplitude: Complex64,
-    /// How much later than its delay the response peaks, seconds: layered walls are not mirrors.
-    pub shift_s: f64,
     /// Its power over noise, dense multipath and interference at its delay.
     pub sinr: f64,
 }
@@ -368,6 +366,7 @@ impl Channel {
             let sum = sums.iter().rev().fold(Complex64::new(0.0, 0.0), |sum, value| sum * turn + value);
             sum * cis(std::f64::consts::TAU * first_hz * shift_s)
         };
+        // Layered walls are not mirrors: the response peaks later than the path arrives.
         let shift_s = if path.is_mirrored_unchanged(&self.tables) {
             0.0
         } else {
@@ -379,7 +378,6 @@ impl Channel {
             source: path.source(),
             delay_s: path.delay_s(),
             amplitude,
-            shift_s,
             sinr: amplitude.norm_sqr() / disturbance,
         }
     }

@@ -8,10 +8,10 @@
 use super::SPEED_OF_LIGHT_M_S;
 use super::person::shadow;
 use super::wall::WallTable;
-use crate::geometry::Wall;
 use crate::geometry::image_source::ImageSource;
 use crate::geometry::trajectory::{Pose, person_at};
 use crate::geometry::visibility::{Ray, trace_image};
+use crate::geometry::{Wall, distance_m};
 use crate::scenario::{Antenna, ObstructedPaths, Obstruction, Person, Scenario};
 use rustfft::num_complex::Complex64;
 
@@ -55,7 +55,7 @@ pub(super) fn paths(context: &PathContext<'_>) -> Vec<Path> {
 impl Path {
     fn new(context: &PathContext<'_>, source: usize, ray: Ray) -> Self {
         let scenario = context.scenario;
-        let in_plan_m: f64 = ray.points_m.windows(2).map(|leg| distance_m(leg[0], leg[1])).sum();
+        let in_plan_m = ray.length_m();
         let rise_m = context.tag_height_m - scenario.anchors[context.anchor].height_m;
         // An anchor right at the tag still has a wavefront.
         let length_m = (in_plan_m * in_plan_m + rise_m * rise_m).sqrt().max(0.01);
@@ -161,10 +161,6 @@ impl Path {
     pub(super) fn is_mirrored_unchanged(&self, tables: &[WallTable]) -> bool {
         self.reflected.iter().chain(&self.passed).all(|&(construction, _)| tables[construction].is_flat())
     }
-}
-
-fn distance_m([x, y]: [f64; 2], [u, v]: [f64; 2]) -> f64 {
-    ((x - u) * (x - u) + (y - v) * (y - v)).sqrt()
 }
 
 /// Unit vector; along x where the points coincide.

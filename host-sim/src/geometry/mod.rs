@@ -59,6 +59,11 @@ fn length(a: [f64; 2]) -> f64 {
     dot(a, a).sqrt()
 }
 
+/// Distance of two points, metres.
+pub(crate) fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
+    length(sub(a, b))
+}
+
 /// What the tests of the modules share.
 #[cfg(test)]
 mod shared {

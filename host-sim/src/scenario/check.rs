@@ -10,7 +10,7 @@ use super::construction::{self, construction_names, material_names, walls};
 use super::{
     Construction, Library, NamedLibrary, Part, Position, Pulse, Room, Scenario, Trajectory, Way, Window,
 };
-use crate::geometry::{Wall, polygon, trajectory};
+use crate::geometry::{Wall, distance_m, polygon, trajectory};
 use crate::input_error::{InputError, number};
 use crate::recording::npz::printable;
 
@@ -369,10 +369,6 @@ fn check_sampled_pulse(samples: &[[f64; 2]], spacing_s: f64, frame_spacing_s: f6
     let percent = (100.0 * out_of_band).round();
     let reason = format!("has {percent} % of its energy outside the band of `radio.sample_spacing_s`");
     Err(Fault::at(key, reason).allowed(format!("at most {} %", 100.0 * MAX_OUT_OF_BAND)))
-}
-
-fn distance_m([x, y]: Position, [u, v]: Position) -> f64 {
-    (x - u).hypot(y - v)
 }
 
 fn spoken(wall: &Wall) -> String {
