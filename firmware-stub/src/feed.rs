@@ -26,11 +26,17 @@ pub struct Feed {
 
 /// What the tracker is started with.
 pub struct Setup {
+    /// The configuration.
     pub config: Config,
+    /// The anchors.
     pub anchors: Vec<Anchor, ANCHORS>,
+    /// Virtual anchors told of.
     pub map: Vec<MappedVirtualAnchor, VAS>,
+    /// Carriers and pulses.
     pub actions: Vec<Action, ACTIONS>,
+    /// Seed of the tracker.
     pub seed: u64,
+    /// Cycles that follow.
     pub cycles: u32,
 }
 
@@ -47,7 +53,9 @@ struct StoredFrame {
 pub struct CycleInput {
     frames: Vec<StoredFrame, ANCHORS>,
     ranges: [Vec<Range, PATHS>; ANCHORS],
+    /// Seconds since the cycle before.
     pub elapsed_s: f32,
+    /// The tag's height, metres, where it is known.
     pub tag_height_m: Option<f32>,
 }
 

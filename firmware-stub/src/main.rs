@@ -3,40 +3,24 @@
 //! Replays a feed of recorded cycles (written by `cogmint trace --feed FILE`, read from the debugger's host) through
 //! the same [`Tracker`] as on the host, and prints for every cycle the hash over all state and the instructions per
 //! stage; at the end, how much stack was used. `tests/on_target.sh` builds it, runs it in QEMU and compares.
-//!
-//! No panic: the handler calls a function that does not exist, so the image links only if no panic is reachable.
 
 #![no_std]
 #![no_main]
 
-mod feed;
-mod host;
-mod meter;
-
+use cogmint_board::feed::Feed;
+use cogmint_board::host::{self, Line};
+use cogmint_board::meter::{StackMeter, StageMeter};
+use cogmint_board::{FRAMES, Once, SAMPLES};
 use cogmint_core::Tracker;
 use cogmint_core::observation::Complex;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
-use feed::Feed;
-use host::Line;
-use meter::{StackMeter, StageMeter};
 
 /// Capacity of the reference size: 2 anchors, 24 virtual anchors, 16 paths, 40 actions.
 type BoardTracker = Tracker<2, 24, 16, 40>;
 
-/// Room for the samples of one cycle: two anchors.
-const SAMPLES: usize = 2 * 1024;
-
-/// Memory that lives outside the stack and is handed out once, to `main`.
-struct Once<T>(UnsafeCell<T>);
-
-// SAFETY: the only access is the one `&mut` that the entry point takes before anything else runs; this firmware
-// has neither interrupts that touch it nor a second core.
-unsafe impl<T> Sync for Once<T> {}
-
 static TRACKER: Once<MaybeUninit<BoardTracker>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
-static FRAMES: Once<[Complex; SAMPLES]> = Once(UnsafeCell::new([[0.0; 2]; SAMPLES]));
 
 #[entry]
 fn main() -> ! {
@@ -95,14 +79,4 @@ fn replay(mut feed: Feed, slot: &mut MaybeUninit<BoardTracker>, samples: &mut [C
         .decimal(size_of::<BoardTracker>() as u32)
         .end();
     true
-}
-
-/// Never linked: see the head of this file.
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    unsafe extern "C" {
-        fn cogmint_has_a_reachable_panic() -> !;
-    }
-    // SAFETY: the symbol does not exist; an image that reaches this line does not link.
-    unsafe { cogmint_has_a_reachable_panic() }
 }

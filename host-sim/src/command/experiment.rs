@@ -2,12 +2,17 @@
 
 use super::{print, print_json};
 use crate::Failure;
+use cogmint::experiment::eight_paths::eight_paths;
 use cogmint::experiment::estimator::{Core, measure};
+use cogmint::recording::Recording;
+use std::path::PathBuf;
 
 #[derive(clap::Subcommand)]
 pub enum Experiment {
     /// The channel estimator: precision, resolution, false paths, detection, against the bound.
     Estimator(EstimatorOptions),
+    /// Writes frames of eight known paths in dense multipath as a recording, for `cogmint estimate` and the target.
+    EightPaths(EightPathsOptions),
 }
 
 #[derive(clap::Args)]
@@ -23,8 +28,30 @@ pub struct EstimatorOptions {
     json: bool,
 }
 
+#[derive(clap::Args)]
+pub struct EightPathsOptions {
+    /// The recording's folder: new, empty, or an older recording, which is replaced.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Frames to write.
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: u32,
+    /// Seed of all frames.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
 pub fn run(experiment: &Experiment) -> Result<(), Failure> {
-    let Experiment::Estimator(options) = experiment;
+    match experiment {
+        Experiment::Estimator(options) => estimator(options),
+        Experiment::EightPaths(options) => {
+            Recording::may_replace(&options.out)?;
+            Ok(eight_paths(options.frames as usize, options.seed).write(&options.out)?)
+        }
+    }
+}
+
+fn estimator(options: &EstimatorOptions) -> Result<(), Failure> {
     let quality = measure(&Core, options.trials as usize, options.seed);
     if options.json {
         return print_json(&quality);

@@ -1,0 +1,35 @@
+//! What the firmware's programs share: the debugger's host, the feed it reads, and the meters.
+//!
+//! No panic: the handler calls a function that does not exist, so a program links only if no panic is reachable.
+
+#![no_std]
+
+pub mod feed;
+pub mod host;
+pub mod meter;
+
+use cogmint_core::observation::Complex;
+use core::cell::UnsafeCell;
+
+/// Room for the samples of one cycle: two anchors.
+pub const SAMPLES: usize = 2 * 1024;
+
+/// Memory that lives outside the stack and is handed out once, to `main`.
+pub struct Once<T>(pub UnsafeCell<T>);
+
+// SAFETY: the only access is the one `&mut` that the entry point takes before anything else runs; this firmware
+// has neither interrupts that touch it nor a second core.
+unsafe impl<T> Sync for Once<T> {}
+
+/// The samples of one cycle.
+pub static FRAMES: Once<[Complex; SAMPLES]> = Once(UnsafeCell::new([[0.0; 2]; SAMPLES]));
+
+/// Never linked: see the head of this file.
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    unsafe extern "C" {
+        fn cogmint_has_a_reachable_panic() -> !;
+    }
+    // SAFETY: the symbol does not exist; an image that reaches this line does not link.
+    unsafe { cogmint_has_a_reachable_panic() }
+}
