@@ -6,16 +6,20 @@
 //! s = 1 - r' Sigma r and q = y(t)/sqrt(lambda) - r' mu; |q|^2 / s is the gain in marginal likelihood of a path
 //! at t, and g = (|q|^2 - s) / s^2 its optimal prior variance (Tipping and Faul's fast marginal likelihood).
 //!
-//! Loop: refine the noise level on the residual; add the path with the largest gain if it exceeds kappa; move every
-//! delay to the maximum of the matched filter without the other paths; re-estimate every g; prune what fell
-//! below kappa and merge what ran together. Bounded by `PATHS + 4` rounds.
+//! Loop: refine the noise level on the residual; add the path with the largest gain if it exceeds kappa; move delays
+//! to the maximum of the matched filter without the other paths, until they stand still; re-estimate every g; prune
+//! what fell below kappa and merge what ran together. Bounded by `PATHS + 4` rounds.
+//!
+//! Paths stay in order of delay, so that G falls into blocks of neighbours and each sample knows the few paths that
+//! reach it.
 
-use super::gram::Square;
+use super::component::{Component, Reach, cluster_end, sort};
+use super::gram::Symmetric;
 use super::magnitude::parabola_vertex;
-use super::noise::{LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
+use super::noise::{CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
 use crate::observation::Complex;
-use crate::real::{abs, larger, smaller, sqrt};
+use crate::real::{abs, larger, smaller};
 use heapless::Vec;
 
 /// Paths above this SINR leave subtraction errors that look like dense multipath: the fit skips their surroundings.
@@ -27,9 +31,12 @@ const SCALLOPING: f32 = 0.7;
 /// Passes of the noise fit before the first path, and before each further one.
 const FIRST_REFINEMENTS: usize = 8;
 const REFINEMENTS: usize = 2;
-/// Passes over all delays after each new path, at most; fewer where no delay moves further than this any more, samples.
+/// Passes over the moving delays after each new path, at most.
 const PASSES: usize = 8;
+/// A delay stands still that moves no further than this, samples.
 const STILL_SAMPLES: f32 = 0.02;
+/// Neighbours of a component are those whose pulses could reach it, this many pulse durations of movement included.
+const REACH_PULSES: f32 = 1.5;
 /// Two paths closer than this many pulse durations are one.
 const MERGE_PULSES: f32 = 0.3;
 /// Added to the Gram matrix's diagonal for the final amplitudes: two paths that nearly cancel stay finite.
@@ -37,33 +44,18 @@ const RIDGE: f32 = 1e-3;
 /// A candidate whose s is below this is explained by the paths already there.
 const SMALLEST_S: f32 = 0.02;
 
-/// One path while it is being estimated.
-#[derive(Clone, Copy, Debug)]
-struct Component {
-    /// Delay, samples into the frame.
-    position: f32,
-    /// Prior variance over noise level.
-    prior: f32,
-    /// Noise level at the delay.
-    level: f32,
-    /// y(tau) at the delay.
-    matched: Complex,
-    /// Posterior mean amplitude, unit of the samples.
-    amplitude: Complex,
-    /// Marginal-likelihood gain |q|^2 / s without this component's own share.
-    gain: f32,
-}
-
 /// A frame and what is known of it.
 struct Fit<'a, const PATHS: usize> {
     estimator: &'a ChannelEstimator<PATHS>,
     samples: &'a [Complex],
+    /// In order of delay.
     components: Vec<Component, PATHS>,
     noise: NoiseLevel,
     steps: LevelSteps,
     /// White noise is never taken as less than this: -120 dB of the strongest sample.
     floor: f32,
-    posterior: Square<PATHS>,
+    /// Sigma.
+    posterior: Symmetric<PATHS>,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -74,15 +66,15 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(power), samples.len());
         let strongest = samples.iter().map(power).fold(0.0, larger);
-        let steps = LevelSteps::new(self.sample_spacing_s);
+        let steps = LevelSteps::new(self.sample_spacing_s, samples.len());
         let mut fit = Fit {
             estimator: self,
             samples,
             components: Vec::new(),
-            noise: NoiseLevel::open(white, samples.len(), &steps),
+            noise: NoiseLevel::open(white, &steps),
             steps,
             floor: level_floor(strongest),
-            posterior: Square::zero(),
+            posterior: Symmetric::zero(),
         };
         for _ in 0..FIRST_REFINEMENTS {
             fit.fit_noise();
@@ -92,17 +84,17 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 for _ in 0..REFINEMENTS {
                     fit.fit_noise();
                 }
+                fit.set_levels();
                 fit.settle();
             }
             if !fit.add_strongest() {
                 break;
             }
             for _ in 0..PASSES {
-                let moved = fit.move_delays();
-                fit.settle();
-                if moved < STILL_SAMPLES {
+                if !fit.move_delays() {
                     break;
                 }
+                fit.settle();
             }
         }
         fit.into_estimate(first_sample_delay_s)
@@ -110,162 +102,236 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
 }
 
 impl<const PATHS: usize> Fit<'_, PATHS> {
-    /// The residual at sample `n`: what the components do not explain.
-    fn residual(&self, n: usize, sample: &Complex) -> Complex {
-        let [mut re, mut im] = *sample;
-        for component in &self.components {
-            let lag = n as f32 - component.position;
-            if abs(lag) < self.estimator.table.support_samples() {
-                let r = self.estimator.table.at(lag);
-                let [a_re, a_im] = component.amplitude;
-                re -= a_re * r;
-                im -= a_im * r;
-            }
-        }
-        [re, im]
-    }
-
     /// One pass over the residual refines the levels of white noise and dense multipath. The rounds of the estimation
     /// are the iterations of this fit.
     fn fit_noise(&mut self) {
-        let skip = SKIP_PULSES * self.estimator.table.samples_per_pulse();
-        let mut noise = self.noise;
-        let powers = self.samples.iter().enumerate().map(|(n, sample)| {
-            let near_strong = self
-                .components
-                .iter()
-                .any(|component| component.gain > STRONG && abs(n as f32 - component.position) < skip);
-            if near_strong { None } else { Some(power(&self.residual(n, sample))) }
+        let table = &self.estimator.table;
+        let skip = SKIP_PULSES * table.samples_per_pulse();
+        let mut reach = Reach::new(&self.components);
+        self.noise.refine(&self.steps, self.floor, |from, to, cut| {
+            let mut powers = CutPowers::default();
+            let mut n = from;
+            while n < to {
+                let (_, active, until) = reach.at(n);
+                let run = self.samples.get(n..until.min(to)).unwrap_or(&[]);
+                if active.is_empty() {
+                    for sample in run {
+                        powers.add(power(sample), cut);
+                    }
+                } else {
+                    for (n, sample) in (n..).zip(run) {
+                        let [mut re, mut im] = *sample;
+                        let mut near_strong = false;
+                        for component in active {
+                            let lag = n as f32 - component.position;
+                            near_strong |= component.gain > STRONG && abs(lag) < skip;
+                            let r = table.at(lag);
+                            let [a_re, a_im] = component.amplitude;
+                            re -= a_re * r;
+                            im -= a_im * r;
+                        }
+                        if !near_strong {
+                            powers.add(re * re + im * im, cut);
+                        }
+                    }
+                }
+                n = until.min(to);
+            }
+            powers
         });
-        noise.refine(powers, &self.steps, self.floor);
-        self.noise = noise;
+    }
+
+    /// Gives every component the noise level at its delay.
+    fn set_levels(&mut self) {
         for component in &mut self.components {
-            component.level = noise.level(component.position, self.estimator.sample_spacing_s);
+            component.set_level(self.noise.level(component.position, self.estimator.sample_spacing_s));
         }
+    }
+
+    /// Gain in marginal likelihood of a path at `position`, times the noise level, where the components `active` reach,
+    /// the first of which has the index `first`: |residual|^2 / s, and s. Zero where s says that nothing can be there.
+    fn scaled_gain(&self, sample: Complex, position: f32, first: usize, active: &[Component]) -> Residual {
+        let table = &self.estimator.table;
+        let [mut re, mut im] = sample;
+        let mut lags: Vec<f32, PATHS> = Vec::new();
+        for component in active {
+            let r = table.at(position - component.position);
+            let [a_re, a_im] = component.amplitude;
+            re -= a_re * r;
+            im -= a_im * r;
+            // As many lags as components at most: the push succeeds.
+            let _ = lags.push(r);
+        }
+        let mut s = 1.0;
+        for (k, &r_k) in lags.iter().enumerate() {
+            let mut cross = 0.0;
+            for (sigma, r_l) in self.posterior.left_of_diagonal(first + k, first).iter().zip(&lags) {
+                cross += sigma * r_l;
+            }
+            s -= r_k * (self.posterior.at(first + k, first + k) * r_k + 2.0 * cross);
+        }
+        Residual { amplitude: [re, im], power: re * re + im * im, s }
+    }
+
+    /// The gain over the noise level at sample `n`, as [`Self::add_strongest`] sees it; zero outside the frame.
+    fn gain_at(&self, n: Option<usize>) -> f32 {
+        let Some((n, sample)) = n.and_then(|n| Some((n, self.samples.get(n)?))) else { return 0.0 };
+        let (first, active, _) = Reach::new(&self.components).at(n);
+        let residual = self.scaled_gain(*sample, n as f32, first, active);
+        if residual.s < SMALLEST_S {
+            return 0.0;
+        }
+        residual.power / (residual.s * self.noise.level(n as f32, self.estimator.sample_spacing_s))
     }
 
     /// Adds the path with the largest gain above kappa; false where there is none or no room.
     fn add_strongest(&mut self) -> bool {
         let table = &self.estimator.table;
-        let spacing = self.estimator.sample_spacing_s;
-        let mut walk = LevelWalk::new(&self.noise, &self.steps);
-        // Gains at the two samples before n, and where the best was found with its neighbours.
-        let mut before = 0.0;
-        let mut best = (0_usize, 0.0_f32, 0.0_f32, 0.0_f32);
-        let mut follows_best = false;
-        for (n, sample) in self.samples.iter().enumerate() {
-            let level = walk.next();
-            let q2 = power(&self.residual(n, sample)) / level;
-            let s = self.uncertainty(n as f32);
-            let gain = if s < SMALLEST_S { 0.0 } else { q2 / s };
-            if follows_best {
-                best.3 = gain;
-                follows_best = false;
-            }
-            if gain > best.2 {
-                best = (n, before, gain, 0.0);
-                follows_best = true;
-            }
-            before = gain;
-        }
-        let (n, left, gain, right) = best;
         // Between two samples a path has lost up to 1.2 dB: what falls short by more need not be looked at.
-        if gain <= SCALLOPING * self.estimator.threshold {
-            return false;
+        let mut best = (None, SCALLOPING * self.estimator.threshold);
+        let mut walk = LevelWalk::new(&self.noise, &self.steps);
+        let mut reach = Reach::new(&self.components);
+        let mut n = 0;
+        while n < self.samples.len() {
+            let (first, active, until) = reach.at(n);
+            let run = self.samples.get(n..until.min(self.samples.len())).unwrap_or(&[]);
+            if active.is_empty() {
+                for (n, sample) in (n..).zip(run) {
+                    let level = walk.next();
+                    let power = power(sample);
+                    if power > best.1 * level {
+                        best = (Some(n), power / level);
+                    }
+                }
+            } else {
+                for (n, sample) in (n..).zip(run) {
+                    let residual = self.scaled_gain(*sample, n as f32, first, active);
+                    let scale = residual.s * walk.next();
+                    if residual.power > best.1 * scale && residual.s >= SMALLEST_S {
+                        best = (Some(n), residual.power / scale);
+                    }
+                }
+            }
+            n += run.len().max(1);
         }
-        let position = n as f32 + parabola_vertex(left, gain, right);
-        let s = larger(self.uncertainty(position), SMALLEST_S);
-        let level = self.noise.level(position, spacing);
+        let (Some(n), gain) = best else { return false };
+        let vertex = parabola_vertex(self.gain_at(n.checked_sub(1)), gain, self.gain_at(Some(n + 1)));
+        let position = n as f32 + vertex;
         let matched = self.estimator.interpolation.at(self.samples, position);
-        let mut residual = matched;
-        for component in &self.components {
-            let r = table.at(position - component.position);
-            let [re, im] = residual;
-            let [a_re, a_im] = component.amplitude;
-            residual = [re - a_re * r, im - a_im * r];
-        }
-        let q2 = power(&residual) / level;
+        let residual = self.scaled_gain(matched, position, 0, &self.components);
+        let level = self.noise.level(position, self.estimator.sample_spacing_s);
+        let s = larger(residual.s, SMALLEST_S);
+        let q2 = residual.power / level;
         let gain = larger(gain, q2 / s);
         if gain <= self.estimator.threshold {
             return false;
         }
-        let prior = larger((q2 - s) / (s * s), 1.0);
-        let component = Component { position, prior, level, matched, amplitude: residual, gain };
-        self.components.push(component).is_ok()
+        let mut component = Component::new(position, matched, table);
+        component.set_level(level);
+        component.prior = larger((q2 - s) / (s * s), 1.0);
+        component.amplitude = residual.amplitude;
+        component.gain = gain;
+        if self.components.push(component).is_err() {
+            return false;
+        }
+        sort(&mut self.components);
+        if let Some(k) = self.components.iter().position(|component| component.position == position) {
+            self.wake_neighbours(k);
+        }
+        true
     }
 
-    /// s(t) = 1 - r' Sigma r at a position, samples into the frame.
-    fn uncertainty(&self, position: f32) -> f32 {
-        let table = &self.estimator.table;
-        let mut lags: Vec<(usize, f32), PATHS> = Vec::new();
-        for (k, component) in self.components.iter().enumerate() {
-            let lag = position - component.position;
-            if abs(lag) < table.support_samples() {
-                // As many lags as components at most: the push succeeds.
-                let _ = lags.push((k, table.at(lag)));
-            }
-        }
-        let mut form = 0.0;
-        for &(k, r_k) in &lags {
-            let row = self.posterior.row(k);
-            for &(l, r_l) in &lags {
-                form += r_k * row.get(l).copied().unwrap_or(0.0) * r_l;
-            }
-        }
-        1.0 - form
-    }
-
-    /// One pass over the components: each delay moves to the vertex of the parabola through the matched filter's
-    /// energy, without the other components, a quarter sample to either side; twice; and only if that gains. Gives the
-    /// longest move, samples.
-    fn move_delays(&mut self) -> f32 {
-        let mut longest = 0.0;
+    /// One pass over the components that have not come to rest: each delay moves to the vertex of the parabola through
+    /// the matched filter's energy, without the other components, a quarter sample to either side; twice; and only if
+    /// that gains. False where all rest.
+    fn move_delays(&mut self) -> bool {
+        let mut moved = false;
         for k in 0..self.components.len() {
-            for _ in 0..2 {
-                let Some(&component) = self.components.get(k) else { return longest };
-                let step = 0.25;
-                let here = power(&self.without(k, component.position));
-                let left = power(&self.without(k, component.position - step));
-                let right = power(&self.without(k, component.position + step));
-                let curvature = left - 2.0 * here + right;
-                let shift = if curvature < 0.0 {
-                    step * 0.5 * (left - right) / curvature
-                } else if left > right {
-                    -step
-                } else {
-                    step
-                };
-                let limit = 0.2 * self.estimator.table.samples_per_pulse();
-                let shift = smaller(larger(shift, -limit), limit);
-                let position = component.position + shift;
-                let moved = self.without(k, position);
-                if power(&moved) <= here {
-                    break;
-                }
-                longest = larger(longest, abs(shift));
-                let matched = self.estimator.interpolation.at(self.samples, position);
-                let level = self.noise.level(position, self.estimator.sample_spacing_s);
-                if let Some(component) = self.components.get_mut(k) {
-                    component.position = position;
-                    component.matched = matched;
-                    component.level = level;
-                    component.amplitude = moved;
-                }
-            }
-        }
-        longest
-    }
-
-    /// The matched filter's output at a position without all components but `k`.
-    fn without(&self, k: usize, position: f32) -> Complex {
-        let [mut re, mut im] = self.estimator.interpolation.at(self.samples, position);
-        for (j, component) in self.components.iter().enumerate() {
-            if j == k {
+            let Some(component) = self.components.get_mut(k) else { break };
+            if !component.moving {
                 continue;
             }
-            let lag = position - component.position;
-            if abs(lag) < self.estimator.table.support_samples() {
-                let r = self.estimator.table.at(lag);
+            component.moving = false;
+            moved = true;
+            let (from, to) = self.neighbours(k);
+            let mut furthest = 0.0;
+            for _ in 0..2 {
+                let shift = self.move_delay(k, from, to);
+                furthest = larger(furthest, abs(shift));
+                if shift == 0.0 {
+                    break;
+                }
+            }
+            if furthest >= STILL_SAMPLES {
+                self.wake_neighbours(k);
+            }
+        }
+        sort(&mut self.components);
+        moved
+    }
+
+    /// The components, from and to, whose pulses may reach those of component `k` while it moves.
+    fn neighbours(&self, k: usize) -> (usize, usize) {
+        let table = &self.estimator.table;
+        let far = table.support_samples() + REACH_PULSES * table.samples_per_pulse();
+        let position = self.components.get(k).map_or(0.0, |component| component.position);
+        let near = |other: &&Component| abs(other.position - position) < far;
+        let before = self.components.iter().take(k).rev().take_while(near).count();
+        let after = self.components.iter().skip(k + 1).take_while(near).count();
+        (k - before, k + 1 + after)
+    }
+
+    /// Component `k` came, went or moved: it and its neighbours may move.
+    fn wake_neighbours(&mut self, k: usize) {
+        let (from, to) = self.neighbours(k);
+        for component in self.components.iter_mut().take(to).skip(from) {
+            component.moving = true;
+        }
+    }
+
+    /// Moves one delay; by how much, samples. `from..to` are its neighbours.
+    fn move_delay(&mut self, k: usize, from: usize, to: usize) -> f32 {
+        let Some(component) = self.components.get(k) else { return 0.0 };
+        let present = component.position;
+        let interpolation = &self.estimator.interpolation;
+        let energy = |position: f32| {
+            power(&self.without(k, from, to, position, interpolation.at(self.samples, position)))
+        };
+        let here = power(&self.without(k, from, to, present, component.matched));
+        let step = 0.25;
+        let left = energy(present - step);
+        let right = energy(present + step);
+        let curvature = left - 2.0 * here + right;
+        let shift = if curvature < 0.0 {
+            step * 0.5 * (left - right) / curvature
+        } else if left > right {
+            -step
+        } else {
+            step
+        };
+        let limit = 0.2 * self.estimator.table.samples_per_pulse();
+        let shift = smaller(larger(shift, -limit), limit);
+        let position = present + shift;
+        let matched = interpolation.at(self.samples, position);
+        let amplitude = self.without(k, from, to, position, matched);
+        if power(&amplitude) <= here {
+            return 0.0;
+        }
+        let level = self.noise.level(position, self.estimator.sample_spacing_s);
+        if let Some(component) = self.components.get_mut(k) {
+            component.move_to(position, matched, &self.estimator.table);
+            component.set_level(level);
+            component.amplitude = amplitude;
+        }
+        shift
+    }
+
+    /// The matched filter's output `matched` at a position without the components `from..to` but `k`.
+    fn without(&self, k: usize, from: usize, to: usize, position: f32, matched: Complex) -> Complex {
+        let [mut re, mut im] = matched;
+        for (j, component) in self.components.iter().enumerate().take(to).skip(from) {
+            if j != k {
+                let r = self.estimator.table.at(position - component.position);
                 let [a_re, a_im] = component.amplitude;
                 re -= a_re * r;
                 im -= a_im * r;
@@ -279,41 +345,52 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         for _ in 0..=PATHS {
             self.solve();
             self.reestimate();
-            let Some(weakest) = self.weakest_or_merged() else { break };
+            let Some(dropped) = self.weakest_or_merged() else { break };
+            self.wake_neighbours(dropped);
             let mut k = 0;
             self.components.retain(|_| {
                 k += 1;
-                k - 1 != weakest
+                k - 1 != dropped
             });
         }
         self.solve();
     }
 
+    /// G, and on its diagonal 1 + `ridge`, cluster by cluster inverted into `self.posterior`.
+    fn invert_gram(&mut self, ridge: impl Fn(&Component) -> f32) {
+        let table = &self.estimator.table;
+        let mut from = 0;
+        while from < self.components.len() {
+            let to = cluster_end(&self.components, from, table);
+            for (k, a) in self.components.iter().enumerate().take(to).skip(from) {
+                for (l, b) in self.components.iter().enumerate().take(k).skip(from) {
+                    self.posterior.set(k, l, table.at(a.position - b.position));
+                }
+                self.posterior.set(k, k, 1.0 + ridge(a));
+            }
+            self.posterior.invert_block(from, to);
+            from = to;
+        }
+    }
+
     /// Sigma and the posterior amplitudes.
     fn solve(&mut self) {
-        let table = &self.estimator.table;
-        let size = self.components.len();
-        let mut gram = Square::<PATHS>::zero();
-        for (k, a) in self.components.iter().enumerate() {
-            for (l, b) in self.components.iter().enumerate().take(k) {
-                let r = table.at(a.position - b.position);
-                gram.set(k, l, r);
-                gram.set(l, k, r);
+        self.invert_gram(|component| 1.0 / component.prior);
+        let mut from = 0;
+        while from < self.components.len() {
+            let to = cluster_end(&self.components, from, &self.estimator.table);
+            for k in from..to {
+                let mut mean = [0.0, 0.0];
+                for (l, other) in self.components.iter().enumerate().take(to).skip(from) {
+                    let scale = self.posterior.at(k, l) / other.unit;
+                    let [re, im] = other.matched;
+                    mean = [mean[0] + scale * re, mean[1] + scale * im];
+                }
+                if let Some(component) = self.components.get_mut(k) {
+                    component.amplitude = [mean[0] * component.unit, mean[1] * component.unit];
+                }
             }
-            gram.set(k, k, 1.0 + 1.0 / a.prior);
-        }
-        self.posterior = gram.inverse(size);
-        for k in 0..size {
-            let mut mean = [0.0, 0.0];
-            for (component, &sigma) in self.components.iter().zip(self.posterior.row(k)) {
-                let scale = sigma / sqrt(component.level);
-                let [re, im] = component.matched;
-                mean = [mean[0] + scale * re, mean[1] + scale * im];
-            }
-            if let Some(component) = self.components.get_mut(k) {
-                let unit = sqrt(component.level);
-                component.amplitude = [mean[0] * unit, mean[1] * unit];
-            }
+            from = to;
         }
     }
 
@@ -341,45 +418,47 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         }
         if drop.is_none() {
             let merge = MERGE_PULSES * self.estimator.table.samples_per_pulse();
-            for (k, a) in self.components.iter().enumerate() {
-                for (l, b) in self.components.iter().enumerate().take(k) {
-                    if abs(a.position - b.position) < merge {
-                        return Some(if a.gain < b.gain { k } else { l });
-                    }
+            for (k, pair) in self.components.windows(2).enumerate() {
+                if let [a, b] = pair
+                    && b.position - a.position < merge
+                {
+                    return Some(if b.gain < a.gain { k + 1 } else { k });
                 }
             }
         }
         drop.map(|(k, _)| k)
     }
 
-    /// Final amplitudes by least squares (no shrinkage), in order of discovery.
+    /// Final amplitudes by least squares (no shrinkage), in order of delay.
     fn into_estimate(mut self, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
-        let size = self.components.len();
-        let mut gram = Square::<PATHS>::zero();
-        for (k, a) in self.components.iter().enumerate() {
-            for (l, b) in self.components.iter().enumerate().take(k) {
-                let r = self.estimator.table.at(a.position - b.position);
-                gram.set(k, l, r);
-                gram.set(l, k, r);
-            }
-            gram.set(k, k, 1.0 + RIDGE);
-        }
-        let inverse = gram.inverse(size);
+        self.invert_gram(|_| RIDGE);
         let mut paths: Vec<Path, PATHS> = Vec::new();
-        for (k, component) in self.components.iter().enumerate() {
-            let mut amplitude = [0.0, 0.0];
-            for (other, &weight) in self.components.iter().zip(inverse.row(k)) {
-                let [re, im] = other.matched;
-                amplitude = [amplitude[0] + weight * re, amplitude[1] + weight * im];
+        let mut from = 0;
+        while from < self.components.len() {
+            let to = cluster_end(&self.components, from, &self.estimator.table);
+            for (k, component) in self.components.iter().enumerate().take(to).skip(from) {
+                let mut amplitude = [0.0, 0.0];
+                for (l, other) in self.components.iter().enumerate().take(to).skip(from) {
+                    let weight = self.posterior.at(k, l);
+                    let [re, im] = other.matched;
+                    amplitude = [amplitude[0] + weight * re, amplitude[1] + weight * im];
+                }
+                let sinr = larger(component.gain - 1.0, 1e-3);
+                let path = self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr);
+                // Capacities are equal: every push succeeds.
+                let _ = paths.push(path);
             }
-            let sinr = larger(component.gain - 1.0, 1e-3);
-            let path = self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr);
-            // Capacities are equal: every push succeeds.
-            let _ = paths.push(path);
+            from = to;
         }
-        self.components.clear();
         ChannelEstimate { paths, noise: self.noise }
     }
+}
+
+/// What is left of the matched filter's output at a delay, its power, and s, what a path there would still explain.
+struct Residual {
+    amplitude: Complex,
+    power: f32,
+    s: f32,
 }
 
 /// |z|^2.

@@ -9,6 +9,7 @@
 //! Fixed memory: no copy of the frame is made; the residual is recomputed from the paths where it is needed.
 
 mod complex;
+mod component;
 mod gram;
 mod interpolation;
 mod magnitude;
@@ -44,7 +45,7 @@ impl Path {
     }
 }
 
-/// The paths of one frame, strongest SINR first found first, and the noise they stand in.
+/// The paths of one frame, in order of delay (complex frames), and the noise they stand in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChannelEstimate<const PATHS: usize> {
     /// At most `PATHS` paths.

@@ -7,8 +7,9 @@
 //! The residual's powers are exponentially distributed with mean lambda(n). Their likelihood is climbed by the
 //! multiplicative updates theta_j <- theta_j (sum_n p u / sum_n p v), v = 1/lambda, u = |r|^2 / lambda^2 (the
 //! Itakura-Saito case of non-negative matrix factorisation, Fevotte, Bertin and Durrieu 2009), with |r|^2 / lambda cut
-//! off at 5, so that a path not yet found counts little. A profile being two exponentials, all sums are recursions: one
-//! pass over the samples, whatever the number of nodes.
+//! off at 5, so that a path not yet found counts little. For these sums the level is taken as constant over cells of
+//! 2.5 ns. A profile being two exponentials, the rest are recursions from cell to cell: one pass over the samples,
+//! whatever the number of nodes.
 
 use crate::real::{exp, larger, smaller};
 
@@ -18,9 +19,9 @@ pub(super) const DECAY_S: f32 = 20e-9;
 const RISE_S: f32 = 5e-9;
 /// Depth of the onset, chi.
 const ONSET: f32 = 0.98;
-/// Time between two nodes, seconds.
-const NODE_S: f32 = 2.5e-9;
-/// Most nodes; longer frames have theirs further apart.
+/// Time over which the fit takes the level as constant, seconds. There is a node at the beginning of every cell,
+const CELL_S: f32 = 2.5e-9;
+/// or of every few cells of longer frames: so many nodes at most.
 const NODES: usize = 64;
 /// Every node's first share of the white noise: small, but not zero, which no factor would change.
 const FIRST_SHARE: f32 = 0.02;
@@ -52,12 +53,11 @@ impl NoiseLevel {
         Self { white, weights: none, decaying: none, rising: none, node_samples: 1 }
     }
 
-    /// White noise and the beginnings of dense multipath everywhere in a frame of `samples` samples.
-    pub(super) fn open(white: f32, samples: usize, steps: &LevelSteps) -> Self {
-        let per_node = (steps.node_samples).max(samples.div_ceil(NODES)).max(1);
+    /// White noise and the beginnings of dense multipath everywhere in a frame.
+    pub(super) fn open(white: f32, steps: &LevelSteps) -> Self {
         let mut level = Self::white(white);
-        level.node_samples = per_node;
-        for weight in level.weights.iter_mut().take(samples.div_ceil(per_node)) {
+        level.node_samples = steps.node_cells * steps.cell_samples;
+        for weight in level.weights.iter_mut().take(steps.nodes) {
             *weight = FIRST_SHARE * white;
         }
         level.accumulate(steps);
@@ -66,12 +66,11 @@ impl NoiseLevel {
 
     /// The sums over the nodes.
     fn accumulate(&mut self, steps: &LevelSteps) {
-        let (decay, rise) = steps.over(self.node_samples);
         let (mut decaying, mut rising) = (0.0, 0.0);
         let sums = self.decaying.iter_mut().zip(&mut self.rising);
-        for (weight, (decaying_sum, rising_sum)) in self.weights.iter().zip(sums) {
-            decaying = decaying * decay + weight;
-            rising = rising * rise + weight;
+        for (weight, (decaying_sum, rising_sum)) in self.weights.iter().zip(sums).take(steps.nodes) {
+            decaying = decaying * steps.node.decay + weight;
+            rising = rising * steps.node.rise + weight;
             *decaying_sum = decaying;
             *rising_sum = rising;
         }
@@ -93,47 +92,45 @@ impl NoiseLevel {
         self.white + (decaying - ONSET * rising * exp(-past_s / RISE_S)) * decay
     }
 
-    /// One update of all levels from the residual's powers at samples 0, 1, 2, ...; `None` leaves a sample out. White
-    /// noise is never taken as less than `floor`.
+    /// One update of all levels. `powers` gives the residual's powers from one sample to another, each cut off at a
+    /// third argument; cells come in order. White noise is never taken as less than
+    /// `floor`.
     pub(super) fn refine(
         &mut self,
-        powers: impl Iterator<Item = Option<f32>>,
         steps: &LevelSteps,
         floor: f32,
+        mut powers: impl FnMut(usize, usize, f32) -> CutPowers,
     ) {
-        // Per node: sums of u and v over its samples, weighted by each of the two exponentials since the node.
+        // Per node: sums of u and v over its cells, weighted by each of the two exponentials since the node.
         let mut sums = [[0.0_f32; 4]; NODES];
         let (mut all_u, mut all_v) = (0.0, 0.0);
-        let mut walk = LevelWalk::new(self, steps);
-        let (mut node, mut within) = (0, 0);
-        let (mut decay, mut rise) = (1.0, 1.0);
-        for power in powers {
-            if within == self.node_samples {
-                (node, within) = (node + 1, 0);
-                (decay, rise) = (1.0, 1.0);
-            }
-            let level = walk.next();
-            if let Some(power) = power {
-                let v = 1.0 / level;
-                let u = smaller(power * v, CUT) * (v * (1.0 / KEPT));
+        let mut sample = 0;
+        let nodes = self.decaying.iter().zip(&self.rising).zip(&mut sums).take(steps.nodes);
+        for ((decaying, rising), [decaying_u, decaying_v, rising_u, rising_v]) in nodes {
+            let Factors { mut decay, mut rise } = steps.half_cell;
+            for _ in 0..steps.node_cells {
+                let level = self.white + (decaying * decay - ONSET * (rising * rise));
+                let end = (sample + steps.cell_samples).min(steps.samples);
+                let CutPowers { sum, count } = powers(sample, end, CUT * level);
+                sample = end;
+                let inverse = 1.0 / level;
+                let v = count * inverse;
+                let u = sum * (inverse * (inverse * (1.0 / KEPT)));
                 all_u += u;
                 all_v += v;
-                if let Some([decaying_u, decaying_v, rising_u, rising_v]) = sums.get_mut(node) {
-                    *decaying_u += decay * u;
-                    *decaying_v += decay * v;
-                    *rising_u += rise * u;
-                    *rising_v += rise * v;
-                }
+                *decaying_u += decay * u;
+                *decaying_v += decay * v;
+                *rising_u += rise * u;
+                *rising_v += rise * v;
+                decay *= steps.cell.decay;
+                rise *= steps.cell.rise;
             }
-            decay *= steps.decay;
-            rise *= steps.rise;
-            within += 1;
         }
         // From the last node back: what comes after a node, as far as its exponentials reach.
-        let (decay, rise) = steps.over(self.node_samples);
+        let Factors { decay, rise } = steps.node;
         let mut after = [0.0_f32; 4];
-        for (weight, [decaying_u, decaying_v, rising_u, rising_v]) in self.weights.iter_mut().zip(&sums).rev()
-        {
+        for (weight, sums) in self.weights.iter_mut().zip(&sums).take(steps.nodes).rev() {
+            let [decaying_u, decaying_v, rising_u, rising_v] = sums;
             let [after_decaying_u, after_decaying_v, after_rising_u, after_rising_v] = after;
             after = [
                 decaying_u + decay * after_decaying_u,
@@ -151,36 +148,73 @@ impl NoiseLevel {
     }
 }
 
+/// Sum and number of powers, each cut off.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct CutPowers {
+    sum: f32,
+    count: f32,
+}
+
+impl CutPowers {
+    #[inline]
+    pub fn add(&mut self, power: f32, cut: f32) {
+        self.sum += smaller(power, cut);
+        self.count += 1.0;
+    }
+}
+
 /// u over v; 1 where nothing was seen. Bounded, so that one update changes no level beyond repair.
 fn ratio(u: f32, v: f32) -> f32 {
     if v > 0.0 { smaller(larger(u / v, 1e-3), 1e3) } else { 1.0 }
 }
 
-/// Factors of the profile's exponentials from sample to sample.
+/// Factors of the profile's exponentials, exp(-t/decay) and exp(-t/decay - t/rise), over some time.
+#[derive(Clone, Copy, Debug)]
+struct Factors {
+    decay: f32,
+    rise: f32,
+}
+
+impl Factors {
+    fn over(time_s: f32) -> Self {
+        let decay = exp(-time_s / DECAY_S);
+        Self { decay, rise: decay * exp(-time_s / RISE_S) }
+    }
+}
+
+/// How a frame is cut into cells and nodes, and the profile's factors over their parts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LevelSteps {
-    /// exp(-t/decay).
-    decay: f32,
-    /// exp(-t/decay - t/rise).
-    rise: f32,
-    /// Samples from node to node.
-    node_samples: usize,
-    sample_spacing_s: f32,
+    sample: Factors,
+    cell: Factors,
+    /// From a cell's first sample to its middle.
+    half_cell: Factors,
+    node: Factors,
+    /// Samples of a cell; cells from node to node; nodes and samples in the frame.
+    cell_samples: usize,
+    node_cells: usize,
+    nodes: usize,
+    samples: usize,
 }
 
 impl LevelSteps {
-    pub fn new(sample_spacing_s: f32) -> Self {
-        let decay = exp(-sample_spacing_s / DECAY_S);
+    /// For frames of `samples` samples.
+    pub fn new(sample_spacing_s: f32, samples: usize) -> Self {
         // Positive and small: truncation is the floor.
-        let node_samples = (NODE_S / sample_spacing_s + 0.5) as usize;
-        Self { decay, rise: decay * exp(-sample_spacing_s / RISE_S), node_samples, sample_spacing_s }
-    }
-
-    /// The same over several samples.
-    fn over(&self, samples: usize) -> (f32, f32) {
-        let time_s = samples as f32 * self.sample_spacing_s;
-        let decay = exp(-time_s / DECAY_S);
-        (decay, decay * exp(-time_s / RISE_S))
+        let cell_samples = ((CELL_S / sample_spacing_s + 0.5) as usize).max(1);
+        let cells = samples.div_ceil(cell_samples);
+        let node_cells = cells.div_ceil(NODES).max(1);
+        let over = |samples: f32| Factors::over(samples * sample_spacing_s);
+        Self {
+            sample: over(1.0),
+            cell: over(cell_samples as f32),
+            half_cell: over(0.5 * (cell_samples as f32 - 1.0)),
+            node: over((node_cells * cell_samples) as f32),
+            cell_samples,
+            node_cells,
+            nodes: cells.div_ceil(node_cells),
+            samples,
+        }
     }
 }
 
@@ -188,7 +222,7 @@ impl LevelSteps {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LevelWalk<'a> {
     level: &'a NoiseLevel,
-    steps: LevelSteps,
+    factors: Factors,
     node: usize,
     within: usize,
     decaying: f32,
@@ -198,7 +232,7 @@ pub(super) struct LevelWalk<'a> {
 
 impl<'a> LevelWalk<'a> {
     pub fn new(level: &'a NoiseLevel, steps: &LevelSteps) -> Self {
-        Self { level, steps: *steps, node: 0, within: 0, decaying: 0.0, rising: 0.0, white: level.white }
+        Self { level, factors: steps.sample, node: 0, within: 0, decaying: 0.0, rising: 0.0, white: level.white }
     }
 
     /// The level at sample 0, 1, 2, ...
@@ -208,8 +242,8 @@ impl<'a> LevelWalk<'a> {
             self.rising = self.level.rising.get(self.node).copied().unwrap_or(0.0);
         }
         let level = self.white + (self.decaying - ONSET * self.rising);
-        self.decaying *= self.steps.decay;
-        self.rising *= self.steps.rise;
+        self.decaying *= self.factors.decay;
+        self.rising *= self.factors.rise;
         self.within += 1;
         if self.within == self.level.node_samples {
             (self.node, self.within) = (self.node + 1, 0);
@@ -324,8 +358,8 @@ mod tests {
 
     #[test]
     fn the_walk_and_the_level_agree() {
-        let steps = LevelSteps::new(0.25e-9);
-        let mut noise = NoiseLevel::open(0.5, 400, &steps);
+        let steps = LevelSteps::new(0.25e-9, 400);
+        let mut noise = NoiseLevel::open(0.5, &steps);
         noise.weights[3] = 2.0;
         noise.accumulate(&steps);
         let mut walk = LevelWalk::new(&noise, &steps);
@@ -340,7 +374,7 @@ mod tests {
     #[test]
     fn the_level_follows_dense_multipath_wherever_it_begins() {
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(4);
-        let steps = LevelSteps::new(0.25e-9);
+        let steps = LevelSteps::new(0.25e-9, 400);
         for onset in [0.0_f32, 57.0, 200.0] {
             let truth = |n: usize| {
                 let t = (n as f32 - onset) * 0.25;
@@ -354,9 +388,13 @@ mod tests {
                     let uniform = (rng.next_u32() as f32 + 1.0) / 4_294_967_808.0;
                     *power = -truth(n) * uniform.ln();
                 }
-                let mut noise = NoiseLevel::open(white_level(|| powers.iter().copied(), 400), 400, &steps);
+                let mut noise = NoiseLevel::open(white_level(|| powers.iter().copied(), 400), &steps);
                 for _ in 0..12 {
-                    noise.refine(powers.iter().map(|power| Some(*power)), &steps, 1e-9);
+                    noise.refine(&steps, 1e-9, |from, to, cut| {
+                        let mut sum = CutPowers::default();
+                        powers[from..to].iter().for_each(|power| sum.add(*power, cut));
+                        sum
+                    });
                 }
                 for n in (0..400).step_by(5) {
                     error += (noise.level(n as f32, 0.25e-9) / truth(n)).ln().powi(2);

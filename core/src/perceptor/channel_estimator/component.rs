@@ -1,0 +1,134 @@
+//! Paths while they are being estimated, in order of delay.
+//!
+//! A pulse reaches a few samples only, and components that do not reach each other do not know of each other: what
+//! a component costs depends on its neighbours, not on how many there are in the frame.
+
+use crate::observation::Complex;
+use crate::pulse::PulseTable;
+use crate::real::{floor, larger, sqrt};
+
+/// One path while it is being estimated.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Component {
+    /// Delay, samples into the frame.
+    pub position: f32,
+    /// The samples that its pulse reaches: the first, and the one after the last.
+    first: u16,
+    end: u16,
+    /// Whether its delay may still move: it or a neighbour of it has.
+    pub moving: bool,
+    /// Prior variance over noise level.
+    pub prior: f32,
+    /// Noise level at the delay.
+    pub level: f32,
+    /// Its square root.
+    pub unit: f32,
+    /// y(tau) at the delay, in units of the samples.
+    pub matched: Complex,
+    /// Posterior mean amplitude, in units of the samples.
+    pub amplitude: Complex,
+    /// Marginal-likelihood gain |q|^2 / s without this component's own share.
+    pub gain: f32,
+}
+
+impl Component {
+    /// A component that has yet to settle.
+    pub fn new(position: f32, matched: Complex, table: &PulseTable) -> Self {
+        let mut component = Self {
+            position,
+            first: 0,
+            end: 0,
+            moving: true,
+            prior: 1.0,
+            level: 1.0,
+            unit: 1.0,
+            matched,
+            amplitude: matched,
+            gain: 0.0,
+        };
+        component.move_to(position, matched, table);
+        component
+    }
+
+    /// Puts it where the matched filter's output is `matched`.
+    pub fn move_to(&mut self, position: f32, matched: Complex, table: &PulseTable) {
+        let support = table.support_samples();
+        self.position = position;
+        self.matched = matched;
+        // Not negative, so truncation is the floor; frames are shorter than 65536 samples.
+        self.first = larger(floor(position - support), 0.0) as u16;
+        self.end = larger(position + support + 1.0, 0.0) as u16;
+    }
+
+    /// Sets the noise level at its delay.
+    pub fn set_level(&mut self, level: f32) {
+        self.level = level;
+        self.unit = sqrt(level);
+    }
+}
+
+/// Brings components into the order of their delays.
+pub(super) fn sort(components: &mut [Component]) {
+    // They hardly ever leave it: insertion.
+    for end in 1..components.len() {
+        for k in (1..=end).rev() {
+            match components.get_mut(k - 1..=k) {
+                Some([before, after]) if after.position < before.position => core::mem::swap(before, after),
+                _ => break,
+            }
+        }
+    }
+}
+
+/// The first of the components from `from` on that does not reach the one after it, and one more: the end of those
+/// that know of each other.
+pub(super) fn cluster_end(components: &[Component], from: usize, table: &PulseTable) -> usize {
+    let tail = components.get(from..).unwrap_or(&[]);
+    let reaches = |pair: &[Component]| match pair {
+        [a, b] => b.position - a.position < table.support_samples(),
+        _ => false,
+    };
+    from + 1 + tail.windows(2).take_while(|pair| reaches(pair)).count()
+}
+
+/// Walks the samples of a frame with the components that reach each.
+pub(super) struct Reach<'a> {
+    components: &'a [Component],
+    from: usize,
+    to: usize,
+    /// The sample at which they change.
+    next: usize,
+    active: &'a [Component],
+}
+
+impl<'a> Reach<'a> {
+    pub fn new(components: &'a [Component]) -> Self {
+        Self { components, from: 0, to: 0, next: 0, active: &[] }
+    }
+
+    /// The components that reach sample `n`, which must not decrease from call to call: the index of the first, all of
+    /// them, and the sample at which they change.
+    #[inline]
+    pub fn at(&mut self, n: usize) -> (usize, &'a [Component], usize) {
+        if n >= self.next {
+            self.change(n);
+        }
+        (self.from, self.active, self.next)
+    }
+
+    // Rare beside the samples: kept out of their loops.
+    #[inline(never)]
+    fn change(&mut self, n: usize) {
+        let end = |k: usize| self.components.get(k).map_or(usize::MAX, |component| usize::from(component.end));
+        let first =
+            |k: usize| self.components.get(k).map_or(usize::MAX, |component| usize::from(component.first));
+        while first(self.to) <= n {
+            self.to += 1;
+        }
+        while self.from < self.to && end(self.from) <= n {
+            self.from += 1;
+        }
+        self.next = first(self.to).min(if self.from < self.to { end(self.from) } else { usize::MAX });
+        self.active = self.components.get(self.from..self.to).unwrap_or(&[]);
+    }
+}
