@@ -29,8 +29,8 @@ const SKIP_PULSES: f32 = 1.5;
 /// Share of its energy that a path keeps on the sample grid, at least.
 const SCALLOPING: f32 = 0.7;
 /// Passes of the noise fit before the first path, and before each further one.
-const FIRST_REFINEMENTS: usize = 8;
-const REFINEMENTS: usize = 2;
+const FIRST_REFINEMENTS: usize = 10;
+const REFINEMENTS: usize = 1;
 /// Passes over the moving delays after each new path, at most.
 const PASSES: usize = 8;
 /// A delay stands still that moves no further than this, samples.
@@ -368,6 +368,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 }
                 self.posterior.set(k, k, 1.0 + ridge(a));
             }
+            self.posterior.clear_left_of_block(from, to);
             self.posterior.invert_block(from, to);
             from = to;
         }

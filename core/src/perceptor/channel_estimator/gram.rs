@@ -35,6 +35,13 @@ impl<const N: usize> Symmetric<N> {
         }
     }
 
+    /// Sets what lies left of the diagonal block of rows `from..to` to zero.
+    pub fn clear_left_of_block(&mut self, from: usize, to: usize) {
+        for row in self.entries.iter_mut().take(to).skip(from) {
+            row.iter_mut().take(from).for_each(|entry| *entry = 0.0);
+        }
+    }
+
     /// Replaces the diagonal block of rows `from..to`, symmetric positive definite, by its inverse, in place: by
     /// A = L D L', M = L^-1, A^-1 = M' D^-1 M. Pivots are kept above 1e-6 (the diagonal of a Gram matrix is at
     /// least 1).

@@ -7,18 +7,20 @@ use crate::real::{floor, sin};
 const TAPS: usize = 16;
 /// Taps before the position.
 const BEFORE: usize = TAPS / 2 - 1;
-/// Tabulated phases per sample; between two, taps are interpolated linearly (error below 4e-4).
+/// Tabulated phases per sample, half of them kept: the other half mirrors it. Between two, taps are interpolated
+/// linearly (error below 4e-4).
 const PHASES: usize = 64;
+const KEPT: usize = PHASES / 2;
 
 /// A 16-tap sinc under the window (1 - (d/8)^2)^2, tabulated over the position between two samples.
 #[derive(Clone, Debug)]
 pub(super) struct Interpolation {
-    kernels: [[f32; TAPS]; PHASES + 1],
+    kernels: [[f32; TAPS]; KEPT + 1],
 }
 
 impl Interpolation {
     pub fn new() -> Self {
-        let mut kernels = [[0.0; TAPS]; PHASES + 1];
+        let mut kernels = [[0.0; TAPS]; KEPT + 1];
         for (phase, kernel) in kernels.iter_mut().enumerate() {
             let fraction = phase as f32 / PHASES as f32;
             for (tap, weight) in kernel.iter_mut().enumerate() {
@@ -35,37 +37,38 @@ impl Interpolation {
     /// The frame at `position`, samples into it; samples beyond the frame count as zero.
     pub fn at(&self, samples: &[Complex], position: f32) -> Complex {
         let base = floor(position);
-        let phase = (position - base) * PHASES as f32;
-        // A position so little below zero that its fraction rounds to one still has its two kernels.
-        let step = (phase as usize).min(PHASES - 1);
-        let between = phase - step as f32;
-        let (Some(low), Some(high)) = (self.kernels.get(step), self.kernels.get(step + 1)) else {
-            return [0.0, 0.0];
-        };
+        let fraction = position - base;
         let first = base as i32 - BEFORE as i32;
-        let mut re = 0.0;
-        let mut im = 0.0;
-        let mut add = |sample: &Complex, low: &f32, high: &f32| {
-            let weight = low + between * (high - low);
-            let [s_re, s_im] = *sample;
-            re += weight * s_re;
-            im += weight * s_im;
-        };
         let inside = usize::try_from(first).ok().and_then(|first| samples.get(first..first + TAPS));
         if let Some(window) = inside {
-            for ((sample, low), high) in window.iter().zip(low).zip(high) {
-                add(sample, low, high);
-            }
-        } else {
-            // At the frame's edges, tap by tap.
-            for (tap, (low, high)) in (first..).zip(low.iter().zip(high)) {
-                if let Some(sample) = usize::try_from(tap).ok().and_then(|tap| samples.get(tap)) {
-                    add(sample, low, high);
-                }
-            }
+            return self.weigh(window.iter(), fraction);
         }
-        [re, im]
+        // At the frame's edges: a window of its own.
+        let mut window = [[0.0; 2]; TAPS];
+        for (n, value) in (first..).zip(&mut window) {
+            *value = usize::try_from(n).ok().and_then(|n| samples.get(n)).copied().unwrap_or([0.0; 2]);
+        }
+        self.weigh(window.iter(), fraction)
     }
+
+    /// The sum of the taps of a window, `fraction` of a sample after its middle.
+    fn weigh<'a>(&self, window: impl DoubleEndedIterator<Item = &'a Complex>, fraction: f32) -> Complex {
+        // Not negative, so truncation is the floor.
+        let phase = PHASES as f32 * if fraction > 0.5 { 1.0 - fraction } else { fraction };
+        let step = (phase as usize).min(KEPT - 1);
+        let between = phase - step as f32;
+        let Some([low, high]) = self.kernels.get(step..step + 2) else { return [0.0; 2] };
+        let weights = low.iter().zip(high).map(|(low, high)| low + between * (high - low));
+        if fraction > 0.5 { sum(window.rev().zip(weights)) } else { sum(window.zip(weights)) }
+    }
+}
+
+fn sum<'a>(terms: impl Iterator<Item = (&'a Complex, f32)>) -> Complex {
+    let mut total = [0.0; 2];
+    for ([re, im], weight) in terms {
+        total = [total[0] + weight * re, total[1] + weight * im];
+    }
+    total
 }
 
 #[cfg(test)]

@@ -6,10 +6,11 @@
 //! s = 1 - r' Sigma r, r_k = R(t - tau_k), and q the residual at t over the root of the noise level; its best prior
 //! variance is (|q|^2 - s) / s^2 (Tipping and Faul). Paths whose gain falls below kappa go.
 //!
-//! A round: fit the noise to the residual, settle, add the best new path, then move all delays and settle until they
-//! stand still.
+//! A round: fit the noise to the residual, settle, add the best new path, then move delays and settle until they stand
+//! still. Only delays that a neighbour's change can have moved are moved.
 //!
-//! This twin keeps buffers of the residual; the core recomputes it where needed.
+//! This twin keeps buffers of the residual and inverts whole matrices; the core recomputes the residual where needed
+//! and inverts cluster by cluster.
 
 use super::linear_algebra::inverse;
 use super::noise::{NoiseLevel, level_floor, white_level};
@@ -18,8 +19,8 @@ use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 
 /// Passes of the noise fit before the first round, and in each further one.
-const FIRST_FITS: usize = 8;
-const FITS: usize = 2;
+const FIRST_FITS: usize = 10;
+const FITS: usize = 1;
 /// Passes over the delays in a round, and the move below which they stand still, samples.
 const PASSES: usize = 8;
 const STILL_SAMPLES: f32 = 0.02;
@@ -27,6 +28,8 @@ const STILL_SAMPLES: f32 = 0.02;
 const STRONG: f32 = 316.0;
 /// this many pulse durations to either side.
 const SKIP_PULSES: f32 = 1.5;
+/// Pulse durations beyond the reach of the pulses within which components are neighbours.
+const REACH_PULSES: f32 = 1.5;
 /// Pulse durations within which two paths are one.
 const MERGE_PULSES: f32 = 0.3;
 /// Least s: below, a path is explained by the others.
@@ -37,6 +40,8 @@ const SMALLEST_S: f32 = 0.02;
 struct Component<T> {
     /// tau, samples into the frame.
     position: T,
+    /// Whether it may move: it or a neighbour came, went or moved.
+    moving: bool,
     /// g.
     prior: T,
     /// Noise level at tau.
@@ -74,17 +79,17 @@ pub(super) fn estimate<T: Real>(
             fit.fit_noise();
         }
         if round > 0 {
+            fit.set_levels();
             fit.settle();
         }
         if !fit.add_strongest() {
             break;
         }
         for _ in 0..PASSES {
-            let longest = fit.move_delays();
-            fit.settle();
-            if longest < T::of(STILL_SAMPLES) {
+            if !fit.move_delays() {
                 break;
             }
+            fit.settle();
         }
     }
     fit.finish(first_sample_delay_s)
@@ -128,12 +133,17 @@ impl<T: Real> Fit<'_, T> {
             powers.push(if near_strong { None } else { Some(residual[n]) });
         }
         self.noise.update(&powers, self.floor);
+    }
+
+    /// Gives every component the level at its delay.
+    fn set_levels(&mut self) {
         for component in &mut self.components {
             component.level = self.noise.at(component.position, self.estimator.sample_spacing_s);
         }
     }
 
-    /// s(t) = 1 - r' Sigma r. Order: (r_k Sigma_kl) r_l, over the components whose pulses reach t.
+    /// s(t) = 1 - r' Sigma r. Order: row by row, each r_k (Sigma_kk r_k + 2 sum of Sigma_kl r_l left of the diagonal),
+    /// over the components whose pulses reach t.
     fn uncertainty(&self, position: T) -> T {
         let table = &self.estimator.table;
         let mut reached = Vec::new();
@@ -143,13 +153,29 @@ impl<T: Real> Fit<'_, T> {
                 reached.push((k, table.at(lag)));
             }
         }
-        let mut form = T::ZERO;
-        for &(k, r_k) in &reached {
-            for &(l, r_l) in &reached {
-                form += r_k * self.posterior[k][l] * r_l;
+        let mut s = T::ONE;
+        for (place, &(k, r_k)) in reached.iter().enumerate() {
+            let mut cross = T::ZERO;
+            for &(l, r_l) in &reached[..place] {
+                cross += self.posterior[k][l] * r_l;
             }
+            s -= r_k * (self.posterior[k][k] * r_k + T::of(2.0) * cross);
         }
-        T::ONE - form
+        s
+    }
+
+    /// The gain of a path at sample `n`; zero outside the frame and where the others explain it.
+    fn gain_at(&self, n: usize) -> T {
+        if n >= self.samples.len() {
+            return T::ZERO;
+        }
+        let position = T::of_count(n);
+        let s = self.uncertainty(position);
+        if s < T::of(SMALLEST_S) {
+            return T::ZERO;
+        }
+        let residual = power(self.subtract(self.samples[n], position, None));
+        residual / (s * self.noise.at(position, self.estimator.sample_spacing_s))
     }
 
     /// Adds the path of largest gain; false if none exceeds kappa or there is no room.
@@ -158,27 +184,18 @@ impl<T: Real> Fit<'_, T> {
         let spacing = self.estimator.sample_spacing_s;
         let residual = self.residual_powers();
         let levels = self.noise.at_samples(self.samples.len());
-        let mut gains = Vec::new();
+        // Off the grid, a path may be stronger than on it. Order: compared by products, (gain)(s lambda).
+        let mut best = (None, num(0.7) * self.estimator.fitted_threshold);
         for n in 0..residual.len() {
             let s = self.uncertainty(T::of_count(n));
-            gains.push(if s < num(SMALLEST_S) { T::ZERO } else { residual[n] / levels[n] / s });
-        }
-        // Order: the first of equals, and none that is zero.
-        let mut best: Option<usize> = None;
-        for n in 0..gains.len() {
-            if gains[n] > best.map_or(T::ZERO, |best| gains[best]) {
-                best = Some(n);
+            let scale = s * levels[n];
+            if residual[n] > best.1 * scale && s >= num(SMALLEST_S) {
+                best = (Some(n), residual[n] / scale);
             }
         }
-        let Some(n) = best else { return false };
-        let gain = gains[n];
-        // Off the grid, a path may be stronger than on it.
-        if gain <= T::of(0.7) * self.estimator.fitted_threshold {
-            return false;
-        }
-        let left = if n > 0 { gains[n - 1] } else { T::ZERO };
-        let right = if n + 1 < gains.len() { gains[n + 1] } else { T::ZERO };
-        let position = T::of_count(n) + parabola_vertex(left, gain, right);
+        let (Some(n), gain) = best else { return false };
+        let left = if n > 0 { self.gain_at(n - 1) } else { T::ZERO };
+        let position = T::of_count(n) + parabola_vertex(left, gain, self.gain_at(n + 1));
 
         let s = larger(self.uncertainty(position), num(SMALLEST_S));
         let level = self.noise.at(position, spacing);
@@ -193,8 +210,28 @@ impl<T: Real> Fit<'_, T> {
         if self.components.len() == self.estimator.most_paths {
             return false;
         }
-        self.components.push(Component { position, prior, level, matched, amplitude, gain });
+        let added = Component { position, moving: true, prior, level, matched, amplitude, gain };
+        // Behind equal ones.
+        let place = self.components.partition_point(|component| component.position <= position);
+        self.components.insert(place, added);
+        let first = self.components.iter().position(|component| component.position == position);
+        self.wake_neighbours(first.unwrap_or(place));
         true
+    }
+
+    /// Component `k` came, went or moved: what its pulse may reach can move.
+    fn wake_neighbours(&mut self, k: usize) {
+        let table = &self.estimator.table;
+        let far = table.support_samples() + T::of(REACH_PULSES) * table.samples_per_pulse();
+        let position = self.components[k].position;
+        let near = |other: &Component<T>| abs(other.position - position) < far;
+        // Outwards from k, up to the first that is far.
+        let from = (0..k).rev().find(|&j| !near(&self.components[j])).map_or(0, |j| j + 1);
+        let end = self.components.len();
+        let to = (k + 1..end).find(|&j| !near(&self.components[j])).unwrap_or(end);
+        for component in &mut self.components[from..to] {
+            component.moving = true;
+        }
     }
 
     /// The matched filter at a position without all components but `k`.
@@ -203,17 +240,23 @@ impl<T: Real> Fit<'_, T> {
         self.subtract(matched, position, Some(k))
     }
 
-    /// Moves each delay, twice, to the vertex of the parabola through the energies a quarter sample around it, if that
-    /// gains. The longest move, samples.
-    fn move_delays(&mut self) -> T {
+    /// Moves each moving delay, twice, to the vertex of the parabola through the energies a quarter sample around it, if
+    /// that gains. False if none was moving.
+    fn move_delays(&mut self) -> bool {
         let num = T::of;
-        let mut longest = T::ZERO;
+        let mut any = false;
         let step = num(0.25);
         let limit = num(0.2) * self.estimator.table.samples_per_pulse();
         for k in 0..self.components.len() {
+            if !self.components[k].moving {
+                continue;
+            }
+            self.components[k].moving = false;
+            any = true;
+            let mut furthest = T::ZERO;
             for _ in 0..2 {
                 let present = self.components[k].position;
-                let here = power(self.without_others(k, present));
+                let here = power(self.subtract(self.components[k].matched, present, Some(k)));
                 let left = power(self.without_others(k, present - step));
                 let right = power(self.without_others(k, present + step));
                 let curvature = left - num(2.0) * here + right;
@@ -231,15 +274,22 @@ impl<T: Real> Fit<'_, T> {
                 if power(moved) <= here {
                     break;
                 }
-                longest = larger(longest, abs(shift));
+                furthest = larger(furthest, abs(shift));
                 let component = &mut self.components[k];
                 component.position = position;
                 component.matched = self.estimator.interpolation.at(self.samples, position);
                 component.level = self.noise.at(position, self.estimator.sample_spacing_s);
                 component.amplitude = moved;
+                if shift == T::ZERO {
+                    break;
+                }
+            }
+            if furthest >= num(STILL_SAMPLES) {
+                self.wake_neighbours(k);
             }
         }
-        longest
+        self.components.sort_by(|a, b| a.position.to_f64().total_cmp(&b.position.to_f64()));
+        any
     }
 
     /// Posterior, gains and priors in turn, until no component has to go.
@@ -248,6 +298,7 @@ impl<T: Real> Fit<'_, T> {
             self.solve();
             self.reestimate();
             let Some(drop) = self.to_drop() else { break };
+            self.wake_neighbours(drop);
             self.components.remove(drop);
         }
         self.solve();
@@ -311,12 +362,10 @@ impl<T: Real> Fit<'_, T> {
             return weakest;
         }
         let merge = T::of(MERGE_PULSES) * self.estimator.table.samples_per_pulse();
-        for k in 0..self.components.len() {
-            for l in 0..k {
-                let (a, b) = (&self.components[k], &self.components[l]);
-                if abs(a.position - b.position) < merge {
-                    return Some(if a.gain < b.gain { k } else { l });
-                }
+        for k in 1..self.components.len() {
+            let (a, b) = (&self.components[k - 1], &self.components[k]);
+            if b.position - a.position < merge {
+                return Some(if b.gain < a.gain { k } else { k - 1 });
             }
         }
         None

@@ -1,5 +1,5 @@
 //! Values of a frame between its samples: a 16-tap sinc under the window (1 - (d/8)^2)^2, from a table of 64 phases
-//! between which the taps are interpolated linearly.
+//! between which the taps are interpolated linearly; the phases of half a sample, since the other half mirrors it.
 
 use crate::reference::real::{Real, floor, pi, sin, square};
 
@@ -19,7 +19,7 @@ impl<T: Real> Interpolation<T> {
     /// The table.
     pub fn new() -> Self {
         let mut kernels = Vec::new();
-        for phase in 0..=PHASES {
+        for phase in 0..=PHASES / 2 {
             let mut kernel = Vec::new();
             for tap in 0..TAPS {
                 let fraction = T::of_count(phase) / T::of_count(PHASES);
@@ -37,15 +37,18 @@ impl<T: Real> Interpolation<T> {
     /// The frame at `position`; beyond it, zero.
     pub fn at(&self, samples: &[[T; 2]], position: T) -> [T; 2] {
         let base = floor(position);
-        let phase = (position - base) * T::of_count(PHASES);
-        // A position so little below zero that its fraction rounds to one belongs to the last pair of kernels.
-        let step = (phase.whole() as usize).min(PHASES - 1);
+        let fraction = position - base;
+        // The kernels of the second half are those of the first, from the last tap to the first.
+        let mirrored = fraction > T::of(0.5);
+        let phase = T::of_count(PHASES) * if mirrored { T::ONE - fraction } else { fraction };
+        let step = (phase.whole() as usize).min(PHASES / 2 - 1);
         let between = phase - T::of_count(step);
         let mut sum = [T::ZERO; 2];
         for tap in 0..TAPS {
             let (low, high) = (self.kernels[step][tap], self.kernels[step + 1][tap]);
             let weight = low + between * (high - low);
-            let n = base.whole() + tap as i64 - BEFORE as i64;
+            let from_first = if mirrored { TAPS - 1 - tap } else { tap };
+            let n = base.whole() + from_first as i64 - BEFORE as i64;
             if n >= 0 && n < samples.len() as i64 {
                 sum[0] += weight * samples[n as usize][0];
                 sum[1] += weight * samples[n as usize][1];

@@ -31,7 +31,7 @@ pub struct Path<T> {
     pub delay_variance_s2: T,
 }
 
-/// The paths of a frame, in order of discovery, and its noise.
+/// The paths of a frame, in order of delay (complex frames), and its noise.
 #[derive(Clone, Debug)]
 pub struct ChannelEstimate<T> {
     /// The paths.

@@ -12,8 +12,8 @@ pub(super) const DECAY_S: f32 = 20e-9;
 const RISE_S: f32 = 5e-9;
 /// chi.
 const ONSET: f32 = 0.98;
-/// Seconds from node to node, and the most nodes.
-const NODE_S: f32 = 2.5e-9;
+/// Seconds of a cell, within which the fit holds lambda constant; nodes lie at the beginnings of cells. The most nodes.
+const CELL_S: f32 = 2.5e-9;
 const NODES: usize = 64;
 /// theta of every node at first, over the white noise.
 const FIRST_SHARE: f32 = 0.02;
@@ -34,8 +34,11 @@ pub struct NoiseLevel<T> {
     theta: Vec<T>,
     /// At each node, sums over all nodes up to it: of theta exp(-t/decay), and of theta exp(-t/decay) exp(-t/rise).
     sums: Vec<[T; 2]>,
-    /// Samples from node to node.
+    /// Samples of a cell, and from node to node.
+    cell_samples: usize,
     node_samples: usize,
+    /// Nodes in the frame.
+    nodes: usize,
     sample_spacing_s: T,
 }
 
@@ -43,15 +46,18 @@ impl<T: Real> NoiseLevel<T> {
     /// White noise only.
     pub(super) fn white(white: T) -> Self {
         let (theta, sums) = (vec![T::ZERO; NODES], vec![[T::ZERO; 2]; NODES]);
-        Self { white, theta, sums, node_samples: 1, sample_spacing_s: T::ONE }
+        Self { white, theta, sums, cell_samples: 1, node_samples: 1, nodes: 0, sample_spacing_s: T::ONE }
     }
 
     /// White noise and a little dense multipath from every node of a frame.
     pub(super) fn everywhere(white: T, samples: usize, sample_spacing_s: T) -> Self {
-        let wanted = (T::of(NODE_S) / sample_spacing_s + T::of(0.5)).whole() as usize;
-        let node_samples = wanted.max(samples.div_ceil(NODES)).max(1);
-        let mut level = Self { node_samples, sample_spacing_s, ..Self::white(white) };
-        for j in 0..samples.div_ceil(node_samples) {
+        let cell_samples = ((T::of(CELL_S) / sample_spacing_s + T::of(0.5)).whole() as usize).max(1);
+        let cells = samples.div_ceil(cell_samples);
+        let node_cells = cells.div_ceil(NODES).max(1);
+        let nodes = cells.div_ceil(node_cells);
+        let node_samples = node_cells * cell_samples;
+        let mut level = Self { cell_samples, node_samples, nodes, sample_spacing_s, ..Self::white(white) };
+        for j in 0..nodes {
             level.theta[j] = T::of(FIRST_SHARE) * white;
         }
         level.sum_up();
@@ -59,16 +65,16 @@ impl<T: Real> NoiseLevel<T> {
     }
 
     /// Both exponentials after a number of samples.
-    fn exponentials(&self, samples: usize) -> [T; 2] {
-        let time_s = T::of_count(samples) * self.sample_spacing_s;
+    fn exponentials(&self, samples: T) -> [T; 2] {
+        let time_s = samples * self.sample_spacing_s;
         let decay = exp(-time_s / T::of(DECAY_S));
         [decay, decay * exp(-time_s / T::of(RISE_S))]
     }
 
     fn sum_up(&mut self) {
-        let step = self.exponentials(self.node_samples);
+        let step = self.exponentials(T::of_count(self.node_samples));
         let mut sum = [T::ZERO; 2];
-        for j in 0..NODES {
+        for j in 0..self.nodes {
             for part in 0..2 {
                 sum[part] = sum[part] * step[part] + self.theta[j];
             }
@@ -90,7 +96,7 @@ impl<T: Real> NoiseLevel<T> {
 
     /// lambda at all samples. Order: from each node on, both sums are carried by multiplication.
     pub(super) fn at_samples(&self, samples: usize) -> Vec<T> {
-        let step = self.exponentials(1);
+        let step = self.exponentials(T::ONE);
         let mut levels = Vec::new();
         let mut sum = [T::ZERO; 2];
         for n in 0..samples {
@@ -106,38 +112,38 @@ impl<T: Real> NoiseLevel<T> {
     /// One update of N0 and all theta from the residual's powers; those that are `None` are left out.
     pub(super) fn update(&mut self, powers: &[Option<T>], floor: T) {
         let num = T::of;
-        let step = self.exponentials(1);
-        let levels = self.at_samples(powers.len());
-        // Per sample: |r|^2 / lambda^2, cut off, and 1 / lambda.
-        let mut terms = Vec::new();
-        for n in 0..powers.len() {
-            terms.push(powers[n].map(|power| {
-                let v = T::ONE / levels[n];
-                [smaller(power * v, num(CUT)) * (v * (T::ONE / num(KEPT))), v]
-            }));
-        }
+        let cell_step = self.exponentials(T::of_count(self.cell_samples));
+        let middle = self.exponentials(num(0.5) * (T::of_count(self.cell_samples) - T::ONE));
         let mut all = [T::ZERO; 2];
-        for term in terms.iter().flatten() {
-            all = [all[0] + term[0], all[1] + term[1]];
-        }
-        // Per node: both terms weighted with both exponentials, over the node's own samples.
+        // Per node: sums of |r|^2 / lambda^2, cut off, and of 1 / lambda over its cells, weighted with both
+        // exponentials at the cells' middles.
         let mut own = [[[T::ZERO; 2]; 2]; NODES];
-        for (j, block) in terms.chunks(self.node_samples).enumerate() {
-            let mut weight = [T::ONE; 2];
-            for term in block {
-                for part in 0..2 {
-                    if let Some(term) = term {
-                        own[j][part][0] += weight[part] * term[0];
-                        own[j][part][1] += weight[part] * term[1];
-                    }
-                    weight[part] *= step[part];
+        for (j, of_node) in powers.chunks(self.node_samples).enumerate() {
+            let mut weight = middle;
+            for cell in of_node.chunks(self.cell_samples) {
+                let [decaying, rising] = [0, 1].map(|part| self.sums[j][part] * weight[part]);
+                let level = self.white + (decaying - num(ONSET) * rising);
+                let mut sum = T::ZERO;
+                let mut count = 0;
+                for power in cell.iter().flatten() {
+                    sum += smaller(*power, num(CUT) * level);
+                    count += 1;
                 }
+                let inverse = T::ONE / level;
+                let terms = [sum * (inverse * (inverse * (T::ONE / num(KEPT)))), T::of_count(count) * inverse];
+                for term in 0..2 {
+                    all[term] += terms[term];
+                    for part in 0..2 {
+                        own[j][part][term] += weight[part] * terms[term];
+                    }
+                }
+                weight = [weight[0] * cell_step[0], weight[1] * cell_step[1]];
             }
         }
         // And over all samples after the node.
-        let node_step = self.exponentials(self.node_samples);
+        let node_step = self.exponentials(T::of_count(self.node_samples));
         let mut after = [[T::ZERO; 2]; 2];
-        for j in (0..NODES).rev() {
+        for j in (0..self.nodes).rev() {
             for part in 0..2 {
                 for term in 0..2 {
                     after[part][term] = own[j][part][term] + node_step[part] * after[part][term];
