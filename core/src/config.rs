@@ -6,6 +6,7 @@ use crate::controller::value::Learning;
 use crate::error::{Error, Setting};
 use crate::perceptor::association::Mode;
 use crate::perceptor::state_filter::Motion;
+use crate::pulse::PulseShape;
 
 /// Where the tag is believed to be before the first cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,8 +58,9 @@ pub struct AssociationSettings {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Radio {
-    /// Roll-off of the root-raised-cosine pulse (0 to 1).
-    pub roll_off: f32,
+    /// Shape of the pulse: roll-off 0 to 1, or samples of its autocorrelation (1 at first, none beyond 1.001, the second
+    /// below the first, 1e-12 to 1e-8 s apart). Its duration is the action's.
+    pub pulse_shape: PulseShape,
     /// Sample spacing, seconds (0.01 to 10 ns); at most 1 / (bandwidth), half the pulse duration is usual.
     pub sample_spacing_s: f32,
     /// Samples per frame (16 to 4096).
@@ -135,7 +137,7 @@ impl Default for Config {
             },
             discovery: true,
             radio: Radio {
-                roll_off: 0.6,
+                pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
                 sample_spacing_s: 0.25e-9,
                 samples_per_frame: 400,
                 full_scale: None,
@@ -182,7 +184,18 @@ impl Config {
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
         within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
         within(association.survival_probability, 0.5, 1.0, Setting::SurvivalProbability)?;
-        within(radio.roll_off, 0.0, 1.0, Setting::RollOff)?;
+        match &radio.pulse_shape {
+            PulseShape::RootRaisedCosine { roll_off } => within(*roll_off, 0.0, 1.0, Setting::RollOff)?,
+            PulseShape::Sampled { step_s, autocorrelation } => {
+                within(*step_s, 1e-12, 1e-8, Setting::PulseShape)?;
+                let [first, second, ..] = *autocorrelation;
+                within(first, 0.999, 1.001, Setting::PulseShape)?;
+                within(second, -1.0, 0.9999, Setting::PulseShape)?;
+                for sample in autocorrelation {
+                    within(*sample, -1.001, 1.001, Setting::PulseShape)?;
+                }
+            }
+        }
         within(radio.sample_spacing_s, 0.99e-11, 1.01e-8, Setting::SampleSpacing)?;
         within(radio.samples_per_frame as f32, 16.0, 4096.0, Setting::SampleCount)?;
         if let Some(full_scale) = radio.full_scale {

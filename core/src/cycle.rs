@@ -115,7 +115,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             filter.insert_independent(slot, mapped.position_m, mapped.std_m);
             environment.insert(slot, mapped.anchor, 0.9);
         }
-        let pulse = Pulse { duration_s: first.pulse_duration_s, roll_off: config.radio.roll_off };
+        let pulse = Pulse { duration_s: first.pulse_duration_s, shape: config.radio.pulse_shape };
         let association = &config.association;
         let unexplained = association.clutter_per_anchor + association.unmapped_per_anchor;
         Ok(Self {
@@ -322,7 +322,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         observer: &mut impl Observer<VAS, PATHS>,
     ) {
         let Some(action) = self.controller.library().get(frame.action) else { return };
-        let pulse = Pulse { duration_s: action.pulse_duration_s, roll_off: self.config.radio.roll_off };
+        let pulse = Pulse { duration_s: action.pulse_duration_s, shape: self.config.radio.pulse_shape };
         if pulse != self.estimator_pulse {
             self.estimator = build_estimator(&self.config, pulse);
             self.estimator_pulse = pulse;
@@ -581,7 +581,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             acceleration_std_m_s2: self.config.motion.acceleration_std_m_s2,
             variance_inflation: self.config.ranging.variance_inflation,
             range_floor_m: self.config.ranging.floor_m,
-            roll_off: self.config.radio.roll_off,
+            pulse_shape: self.config.radio.pulse_shape,
         };
         let visible = visible(&self.anchors, &self.environment, &self.filter, tag_height_m);
         report.next_action = self.controller.decide(report.action, earned, &outlook, visible, &self.channel);

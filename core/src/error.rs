@@ -137,6 +137,7 @@ pub enum Setting {
     SurvivalProbability,
     PulseDuration,
     RollOff,
+    PulseShape,
     SampleSpacing,
     SampleCount,
     FullScale,

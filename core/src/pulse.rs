@@ -1,11 +1,11 @@
-//! The transmitted pulse as the receiver's matched filter sees it.
+//! The transmitted pulse as the receiver's matched filter sees it: its autocorrelation R(t), and its rms bandwidth
+//! beta, which sets what a range can be worth: sigma^2 = c^2 / (8 pi^2 beta^2 SINR).
 //!
-//! A unit-energy root-raised-cosine pulse of symbol time `T_p` and roll-off `b` leaves the matched filter as
-//! the raised-cosine pulse R(t) = sinc(t/T_p) cos(pi b t/T_p) / (1 - (2 b t/T_p)^2). Its rms bandwidth is
-//! beta = sqrt(1/12 + b^2 (1/4 - 2/pi^2)) / T_p, which sets what a range can be worth:
-//! sigma^2 = c^2 / (8 pi^2 beta^2 SINR).
+//! A root-raised-cosine pulse of symbol time `T_p` and roll-off `b` leaves the matched filter as the raised-cosine
+//! pulse R(t) = sinc(t/T_p) cos(pi b t/T_p) / (1 - (2 b t/T_p)^2), with beta = sqrt(1/12 + b^2 (1/4 - 2/pi^2)) / T_p.
+//! Any other pulse comes as samples of its R, for example one measured over a cable: beta^2 = -R''(0) / (4 pi^2).
 
-use crate::real::{SPEED_OF_LIGHT_M_S, abs, cos, larger, sin, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, larger, sin, sqrt};
 
 /// Table steps per pulse duration.
 const STEPS: usize = 64;
@@ -13,46 +13,120 @@ const STEPS: usize = 64;
 pub const SUPPORT: usize = 4;
 /// Table entries: zero to [`SUPPORT`] pulse durations, and one more to interpolate into.
 const ENTRIES: usize = STEPS * SUPPORT + 2;
+/// Samples of a sampled pulse's autocorrelation, from lag zero on.
+pub const PULSE_SAMPLES: usize = 33;
 
-/// A root-raised-cosine pulse.
+/// What a pulse looks like behind the matched filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PulseShape {
+    /// Root-raised-cosine, its symbol time the pulse duration.
+    RootRaisedCosine {
+        /// Roll-off b, 0 to 1.
+        roll_off: f32,
+    },
+    /// Any pulse whose spectrum is symmetric about the carrier, so that R is real.
+    Sampled {
+        /// Time between two samples, seconds; an eighth of the pulse duration, say, so that the samples end where the
+        /// estimator takes the pulse as zero.
+        step_s: f32,
+        /// R at lags of 0, 1, 2, ... steps; 1 at lag 0.
+        autocorrelation: [f32; PULSE_SAMPLES],
+    },
+}
+
+/// A pulse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pulse {
-    /// Symbol time T_p, seconds; 0.1 ns to 10 ns. The nominal bandwidth is its inverse.
+    /// Duration T_p, seconds; 0.1 ns to 10 ns. The nominal bandwidth is its inverse.
     pub duration_s: f32,
-    /// Roll-off b, 0 to 1.
-    pub roll_off: f32,
+    /// Its shape.
+    pub shape: PulseShape,
 }
 
 impl Pulse {
-    /// Raised-cosine autocorrelation R at lag `lag` (in pulse durations); R(0) = 1.
+    /// A root-raised-cosine pulse of symbol time `duration_s` (seconds) and roll-off `roll_off` (0 to 1).
+    pub fn root_raised_cosine(duration_s: f32, roll_off: f32) -> Self {
+        Self { duration_s, shape: PulseShape::RootRaisedCosine { roll_off } }
+    }
+
+    /// Autocorrelation R at lag `lag` (in pulse durations); R(0) = 1.
     pub fn autocorrelation(&self, lag: f32) -> f32 {
-        let pi = core::f32::consts::PI;
-        let x = abs(lag);
-        let sinc = if x < 1e-4 { 1.0 } else { sin(pi * x) / (pi * x) };
-        let edge = 2.0 * self.roll_off * x;
-        let taper_denominator = 1.0 - edge * edge;
-        // At the pole |t| = T_p / (2 b) numerator and denominator vanish together; their ratio is pi / 4.
-        let taper = if abs(taper_denominator) < 1e-4 {
-            pi / 4.0
-        } else {
-            cos(pi * self.roll_off * x) / taper_denominator
-        };
-        sinc * taper
+        match &self.shape {
+            PulseShape::RootRaisedCosine { roll_off } => raised_cosine(lag, *roll_off),
+            PulseShape::Sampled { step_s, autocorrelation } => {
+                between_samples(autocorrelation, abs(lag) * (self.duration_s / step_s))
+            }
+        }
     }
 
     /// Rms (effective) bandwidth beta, hertz.
     pub fn rms_bandwidth_hz(&self) -> f32 {
         let pi = core::f32::consts::PI;
-        let b = self.roll_off;
-        sqrt(1.0 / 12.0 + b * b * (0.25 - 2.0 / (pi * pi))) / self.duration_s
+        match &self.shape {
+            PulseShape::RootRaisedCosine { roll_off: b } => {
+                sqrt(1.0 / 12.0 + b * b * (0.25 - 2.0 / (pi * pi))) / self.duration_s
+            }
+            PulseShape::Sampled { step_s, autocorrelation: [zero, one, two, ..] } => {
+                // R'' at zero from five samples, two of them by symmetry.
+                let curvature = (15.0 * zero + two - 16.0 * one) / 6.0;
+                sqrt(larger(curvature, 1e-6)) / (TAU * step_s)
+            }
+        }
+    }
+
+    /// T_eff, the integral over R^2, seconds: time over which the matched filter smears one sample of noise.
+    pub fn effective_duration_s(&self) -> f32 {
+        match &self.shape {
+            PulseShape::RootRaisedCosine { roll_off } => self.duration_s * (1.0 - 0.25 * roll_off),
+            PulseShape::Sampled { step_s, autocorrelation } => {
+                let squares: f32 = autocorrelation.iter().map(|r| r * r).sum();
+                (2.0 * squares - 1.0) * step_s
+            }
+        }
     }
 
     /// Variance of a range estimated at `sinr` (linear power ratio): the single-path Cramer-Rao bound, square metres.
     pub fn range_variance_m2(&self, sinr: f32) -> f32 {
         let beta_over_c = self.rms_bandwidth_hz() / SPEED_OF_LIGHT_M_S;
-        1.0 / (2.0 * (crate::real::TAU * crate::real::TAU) * (beta_over_c * beta_over_c) * larger(sinr, 1e-3))
+        1.0 / (2.0 * (TAU * TAU) * (beta_over_c * beta_over_c) * larger(sinr, 1e-3))
     }
+}
+
+fn raised_cosine(lag: f32, roll_off: f32) -> f32 {
+    let pi = core::f32::consts::PI;
+    let x = abs(lag);
+    let sinc = if x < 1e-4 { 1.0 } else { sin(pi * x) / (pi * x) };
+    let edge = 2.0 * roll_off * x;
+    let taper_denominator = 1.0 - edge * edge;
+    // At the pole |t| = T_p / (2 b) numerator and denominator vanish together; their ratio is pi / 4.
+    let taper =
+        if abs(taper_denominator) < 1e-4 { pi / 4.0 } else { cos(pi * roll_off * x) / taper_denominator };
+    sinc * taper
+}
+
+/// An even function at `position` (not negative) between its samples, by the polynomial through six of them; zero
+/// beyond the last.
+fn between_samples(samples: &[f32; PULSE_SAMPLES], position: f32) -> f32 {
+    if !(position < (PULSE_SAMPLES - 1) as f32) {
+        return 0.0;
+    }
+    // Not negative, so truncation is the floor.
+    let base = position as i32;
+    let fraction = position - base as f32;
+    let mut value = 0.0;
+    for node in -2_i32..=3 {
+        let mut weight = 1.0;
+        for other in -2_i32..=3 {
+            if other != node {
+                weight *= (fraction - other as f32) / (node - other) as f32;
+            }
+        }
+        let index = (base + node).unsigned_abs() as usize;
+        value += weight * samples.get(index).copied().unwrap_or(0.0);
+    }
+    value
 }
 
 /// R(t) tabulated at `T_p / 64` up to 4 `T_p`; linear interpolation between entries errs by at most 1.5e-4.
@@ -107,7 +181,7 @@ mod tests {
 
     #[test]
     fn the_rms_bandwidth_and_range_deviation_match_the_published_numbers() {
-        let pulse = Pulse { duration_s: 0.5e-9, roll_off: 0.6 };
+        let pulse = Pulse::root_raised_cosine(0.5e-9, 0.6);
         assert!((pulse.rms_bandwidth_hz() / 633.6626e6 - 1.0).abs() < 1e-5);
         assert!((pulse.range_variance_m2(100.0).sqrt() - 5.32e-3).abs() < 5e-6);
         assert!((pulse.range_variance_m2(1.0).sqrt() - 53.2e-3).abs() < 5e-5);
@@ -116,7 +190,7 @@ mod tests {
     #[test]
     fn the_table_follows_the_closed_form() {
         for roll_off in [0.0, 0.25, 0.5, 0.6, 1.0] {
-            let pulse = Pulse { duration_s: 2.0e-9, roll_off };
+            let pulse = Pulse::root_raised_cosine(2.0e-9, roll_off);
             let table = PulseTable::new(&pulse, 1.0016e-9);
             for i in 0..1000 {
                 let lag_samples = i as f32 * 0.0075;
@@ -130,6 +204,46 @@ mod tests {
                 let error = f64::from(table.at(lag_samples)) - sinc * taper;
                 assert!(error.abs() < 3e-4, "roll-off {roll_off}, lag {lag}: {error}");
             }
+        }
+    }
+
+    /// A Gaussian pulse has a Gaussian autocorrelation exp(-(t/w)^2), beta = 1 / (sqrt(2) pi w) and
+    /// T_eff = w sqrt(pi/2).
+    #[test]
+    fn a_sampled_pulse_has_the_values_of_its_closed_form() {
+        let (width_s, step_s) = (0.4e-9_f32, 0.0625e-9);
+        let at = |t_s: f32| (-(t_s / width_s).powi(2)).exp();
+        let shape = PulseShape::Sampled {
+            step_s,
+            autocorrelation: std::array::from_fn(|step| at(step as f32 * step_s)),
+        };
+        let pulse = Pulse { duration_s: 0.5e-9, shape };
+        for i in 0..500 {
+            let lag = i as f32 * 0.007;
+            assert!((pulse.autocorrelation(lag) - at(lag * 0.5e-9)).abs() < 1e-5, "{lag}");
+        }
+        assert_eq!(pulse.autocorrelation(4.0), 0.0);
+        let beta_hz = 1.0 / (2.0_f32.sqrt() * core::f32::consts::PI * width_s);
+        assert!((pulse.rms_bandwidth_hz() / beta_hz - 1.0).abs() < 1e-3);
+        let effective_s = width_s * (core::f32::consts::PI / 2.0).sqrt();
+        assert!((pulse.effective_duration_s() / effective_s - 1.0).abs() < 1e-3);
+    }
+
+    /// The raised cosine from its samples is the raised cosine.
+    #[test]
+    fn a_sampled_raised_cosine_is_one() {
+        for roll_off in [0.0, 0.5, 1.0] {
+            let closed = Pulse::root_raised_cosine(0.5e-9, roll_off);
+            let autocorrelation = std::array::from_fn(|step| closed.autocorrelation(step as f32 / 8.0));
+            let shape = PulseShape::Sampled { step_s: 0.0625e-9, autocorrelation };
+            let sampled = Pulse { duration_s: 0.5e-9, shape };
+            for i in 0..380 {
+                let lag = i as f32 * 0.01;
+                let error = sampled.autocorrelation(lag) - closed.autocorrelation(lag);
+                assert!(error.abs() < 1e-3, "roll-off {roll_off}, lag {lag}: {error}");
+            }
+            assert!((sampled.rms_bandwidth_hz() / closed.rms_bandwidth_hz() - 1.0).abs() < 2e-3);
+            assert!((sampled.effective_duration_s() / closed.effective_duration_s() - 1.0).abs() < 2e-2);
         }
     }
 }

@@ -1,7 +1,8 @@
 //! The feed: set-up and cycles of a recording, as the host's `cogmint trace --feed` writes them.
 //!
 //! Little-endian 32-bit words. `COG1`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
-//! 15 configuration words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; per
+//! 11 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 3
+//! more words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; per
 //! action carrier and pulse duration. Per cycle: elapsed time; whether the height is known and the height; number
 //! of frames; per frame anchor, action, delay of the first sample, kind (0 complex, 1 magnitude), number of
 //! samples, samples; number of ranges; per range anchor, range, variance.
@@ -10,6 +11,7 @@ use crate::SAMPLES;
 use crate::host::File;
 use cogmint_core::controller::library::Action;
 use cogmint_core::observation::{Complex, Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::pulse::{PULSE_SAMPLES, PulseShape};
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 use heapless::Vec;
 
@@ -104,6 +106,22 @@ impl Feed {
         Some(f32::from_bits(self.word()?))
     }
 
+    fn pulse_shape(&mut self) -> Option<PulseShape> {
+        let samples = self.count()?;
+        let first = self.float()?;
+        if samples == 0 {
+            return Some(PulseShape::RootRaisedCosine { roll_off: first });
+        }
+        let mut autocorrelation = [0.0; PULSE_SAMPLES];
+        if samples != autocorrelation.len() {
+            return None;
+        }
+        for sample in &mut autocorrelation {
+            *sample = self.float()?;
+        }
+        Some(PulseShape::Sampled { step_s: first, autocorrelation })
+    }
+
     /// Reads the set-up, which comes first.
     pub fn setup(&mut self) -> Option<Setup> {
         let (anchors, map, actions) = (self.count()?, self.count()?, self.count()?);
@@ -120,8 +138,8 @@ impl Feed {
         config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = self.float()?;
         config.ranging.bias_std_m = self.float()?;
-        config.radio.roll_off = self.float()?;
         config.radio.sample_spacing_s = self.float()?;
+        config.radio.pulse_shape = self.pulse_shape()?;
         config.radio.samples_per_frame = self.count()?;
         config.controller.first_action = self.count()?;
         config.controller.planned_actions = self.count()?;

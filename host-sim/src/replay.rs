@@ -5,6 +5,7 @@ use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
 use cogmint_core::controller::library::Action;
 use cogmint_core::observation::{Frame, Observation, Range, RangeScan, Samples};
 use cogmint_core::observer::Observer;
+use cogmint_core::pulse::PulseShape;
 use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Setting, Tracker};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -84,7 +85,7 @@ impl Setup {
         config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = radio.range_bias_mean_m as f32;
         config.ranging.bias_std_m = radio.range_bias_std_m as f32;
-        config.radio.roll_off = radio.roll_off as f32;
+        config.radio.pulse_shape = pulse_shape(radio);
         if let Some(spacing) = radio.sample_spacing_s {
             config.radio.sample_spacing_s = spacing as f32;
         }
@@ -197,6 +198,19 @@ fn drawn_start(start: &recording::Start, seed: Option<u64>) -> [f64; 2] {
         None => start.position_std_m * (-2.0 * b.ln()).sqrt(),
     };
     [x + radius * angle.cos(), y + radius * angle.sin()]
+}
+
+/// What the pulse of a recording looks like behind the matched filter.
+pub fn pulse_shape(radio: &recording::Radio) -> PulseShape {
+    match &radio.sampled_pulse {
+        None => PulseShape::RootRaisedCosine { roll_off: radio.roll_off as f32 },
+        Some(pulse) => PulseShape::Sampled {
+            step_s: pulse.step_s as f32,
+            autocorrelation: std::array::from_fn(|lag| {
+                pulse.autocorrelation.get(lag).map_or(0.0, |r| *r as f32)
+            }),
+        },
+    }
 }
 
 /// One cycle of a recording in the core's terms; borrows the samples.

@@ -5,7 +5,8 @@ use crate::channel::{Channel, Component, FrameScratch, SPEED_OF_LIGHT_M_S};
 use crate::floor_plan::{self, FloorPlan};
 use crate::input_error::InputError;
 use crate::recording::{self, Recording, TruthPath};
-use crate::scenario::{Log, Scenario, Schedule, Window};
+use crate::scenario::{Log, Pulse, Scenario, Schedule, Window};
+use cogmint_core::pulse::PULSE_SAMPLES;
 use rand_core::Rng;
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
@@ -123,6 +124,12 @@ impl Simulator {
             radio: recording::Radio {
                 pulse_duration_s: duration_s,
                 roll_off: receiver.roll_off(bandwidth_hz, duration_s),
+                sampled_pulse: matches!(receiver.pulse, Pulse::Sampled { .. }).then(|| {
+                    let step_s = duration_s / 8.0;
+                    let pulse = channel.pulse(receiver.first_action);
+                    let at = |lag: usize| pulse.autocorrelation(lag as f64 * step_s)[0];
+                    recording::SampledPulse { step_s, autocorrelation: (0..PULSE_SAMPLES).map(at).collect() }
+                }),
                 sample_spacing_s: Some(receiver.sample_spacing_s),
                 range_std_m: 0.05,
                 range_bias_mean_m: 0.0,

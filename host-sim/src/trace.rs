@@ -4,6 +4,7 @@ use crate::input_error::InputError;
 use crate::recording::Recording;
 use crate::replay::{CycleInput, SMALL_ANCHORS, Setup, Step, inputs, step};
 use cogmint_core::observation::{Observation, Samples};
+use cogmint_core::pulse::PulseShape;
 use std::path::Path;
 
 /// Hash over all state after each cycle of a recording of at most two anchors, in the tracker of the target.
@@ -45,10 +46,20 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
         config.ranging.max_range_m,
         config.ranging.bias_mean_m,
         config.ranging.bias_std_m,
-        config.radio.roll_off,
         config.radio.sample_spacing_s,
     ] {
         feed.float(value);
+    }
+    match &config.radio.pulse_shape {
+        PulseShape::RootRaisedCosine { roll_off } => {
+            feed.count(0);
+            feed.float(*roll_off);
+        }
+        PulseShape::Sampled { step_s, autocorrelation } => {
+            feed.count(autocorrelation.len());
+            feed.float(*step_s);
+            autocorrelation.iter().for_each(|r| feed.float(*r));
+        }
     }
     feed.count(config.radio.samples_per_frame);
     feed.count(config.controller.first_action);

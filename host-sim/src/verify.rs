@@ -344,6 +344,13 @@ impl Comparison {
                     theirs.noise.at(position, 1e-9),
                 );
             }
+            for (what, a, b) in [
+                ("power", ours.dense.power, theirs.dense.power),
+                ("mean delay", ours.dense.mean_delay_s, theirs.dense.mean_delay_s),
+                ("delay spread", ours.dense.rms_delay_spread_s, theirs.dense.rms_delay_spread_s),
+            ] {
+                float(format_args!("{what} of the dense multipath of anchor {anchor}"), a, b);
+            }
             for (k, (a, b)) in ours.paths.iter().zip(&theirs.paths).enumerate() {
                 float(format_args!("delay of path {k} of anchor {anchor}"), a.delay_s, b.delay_s);
                 for (part, name) in ["real", "imaginary"].into_iter().enumerate() {
@@ -667,6 +674,7 @@ mod tests {
     use crate::reference::pulse::Pulse;
     use cogmint_core::controller::reward::Reward;
     use cogmint_core::perceptor::association::Mode;
+    use cogmint_core::pulse::PulseShape;
     use rand_core::{Rng, SeedableRng};
     use rand_xoshiro::Xoshiro128PlusPlus;
 
@@ -724,6 +732,7 @@ mod tests {
             radio: Radio {
                 pulse_duration_s: 0.5e-9,
                 roll_off: 0.6,
+                sampled_pulse: None,
                 sample_spacing_s: Some(SPACING_S),
                 range_std_m: 0.02,
                 range_bias_mean_m: 0.0,
@@ -788,7 +797,7 @@ mod tests {
         samples: usize,
         rng: &mut Xoshiro128PlusPlus,
     ) -> Samples {
-        let pulse = Pulse { duration_s: action.pulse_duration_s, roll_off: 0.6 };
+        let pulse = Pulse::new(action.pulse_duration_s, &PulseShape::RootRaisedCosine { roll_off: 0.6 });
         let mut response = Vec::new();
         for n in 0..samples {
             let mut sample = [0.03 * noise(rng), 0.03 * noise(rng)];

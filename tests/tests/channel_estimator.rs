@@ -2,11 +2,11 @@
 
 use cogmint_core::observation::Samples;
 use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator};
-use cogmint_core::pulse::Pulse;
+use cogmint_core::pulse::{Pulse, PulseShape};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-const PULSE: Pulse = Pulse { duration_s: 0.5e-9, roll_off: 0.6 };
+const PULSE: Pulse = Pulse { duration_s: 0.5e-9, shape: PulseShape::RootRaisedCosine { roll_off: 0.6 } };
 const SPACING_NS: f64 = 0.25;
 const SAMPLES: usize = 400;
 

@@ -85,6 +85,7 @@ fn scenario(seed: u64) -> Recording {
         radio: Radio {
             pulse_duration_s: 0.5e-9,
             roll_off: 0.6,
+            sampled_pulse: None,
             sample_spacing_s: None,
             range_std_m: 0.1,
             range_bias_mean_m: 0.0,

@@ -10,7 +10,7 @@ use super::reward::{Reward, reward};
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::memory::channel::ChannelMemory;
 use crate::perceptor::state_filter::Source;
-use crate::pulse::Pulse;
+use crate::pulse::{Pulse, PulseShape};
 use nalgebra::{Matrix2, Matrix4};
 
 /// A source expected to be visible.
@@ -43,8 +43,8 @@ pub struct Outlook {
     pub variance_inflation: f32,
     /// Standard deviation that no range goes below, metres.
     pub range_floor_m: f32,
-    /// Roll-off of the pulse.
-    pub roll_off: f32,
+    /// Shape of the pulse.
+    pub pulse_shape: PulseShape,
 }
 
 /// Near-constant-velocity prediction of the agent's covariance, F C F' + sigma_a^2 G G'.
@@ -83,7 +83,7 @@ pub fn plan<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
     let mut unit_variances = [0.0; ACTIONS];
     for (action, unit) in unit_variances.iter_mut().enumerate() {
         if let Some(entry) = library.get(action) {
-            let pulse = Pulse { duration_s: entry.pulse_duration_s, roll_off: outlook.roll_off };
+            let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: outlook.pulse_shape };
             *unit = outlook.variance_inflation * pulse.range_variance_m2(1.0);
         }
     }

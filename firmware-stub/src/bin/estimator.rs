@@ -31,7 +31,7 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Option<()> {
     let setup = feed.setup()?;
     let radio = setup.config.radio;
     let action = setup.actions.first()?;
-    let pulse = Pulse { duration_s: action.pulse_duration_s, roll_off: radio.roll_off };
+    let pulse = Pulse { duration_s: action.pulse_duration_s, shape: radio.pulse_shape };
     let estimator =
         Estimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame);
     let mut deepest = 0;
@@ -45,7 +45,12 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Option<()> {
             Line::new().text(b"frame ").decimal(paths).text(b" ").decimal(count).end();
         }
     }
-    Line::new().text(b"estimator ").decimal(size_of::<Estimator>() as u32).text(b" stack ").decimal(deepest).end();
+    Line::new()
+        .text(b"estimator ")
+        .decimal(size_of::<Estimator>() as u32)
+        .text(b" stack ")
+        .decimal(deepest)
+        .end();
     Some(())
 }
 

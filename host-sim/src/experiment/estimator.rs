@@ -51,7 +51,7 @@ impl PathFinder for Core {
     }
 
     fn find(&self, samples: &[[f32; 2]], false_paths: f64) -> Vec<Found> {
-        let pulse = Pulse { duration_s: DURATION_S as f32, roll_off: ROLL_OFF as f32 };
+        let pulse = Pulse::root_raised_cosine(DURATION_S as f32, ROLL_OFF as f32);
         let estimator = ChannelEstimator::<PATHS>::new(pulse, SPACING_S as f32, SAMPLES, false_paths as f32);
         let estimate = estimator.estimate(Samples::Complex(samples), 0.0);
         let found = |path: &cogmint_core::perceptor::channel_estimator::Path| Found {

@@ -77,6 +77,7 @@ pub fn bp_slam(anchors: &Path, truth: &Path, ranges: &Path) -> Result<Recording,
         radio: Radio {
             pulse_duration_s,
             roll_off: 0.6,
+            sampled_pulse: None,
             sample_spacing_s: None,
             range_std_m: 0.1,
             range_bias_mean_m: 0.0,

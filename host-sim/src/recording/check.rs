@@ -4,9 +4,11 @@ use std::fmt;
 
 use crate::input_error::number;
 
+use cogmint_core::pulse::PULSE_SAMPLES;
+
 use super::{
     Anchor, Cycle, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Recording,
-    Samples,
+    SampledPulse, Samples,
 };
 
 /// What is wrong with a recording and where.
@@ -94,6 +96,24 @@ fn check_element(name: &'static str, cycle: usize, value: f64, interval: Interva
     Err(Fault::array(name, format!("is {value} in cycle {cycle}")).allowed(interval))
 }
 
+fn check_pulse(pulse: &SampledPulse) -> Result<(), Fault> {
+    check_key("radio.sampled_pulse.step_s", pulse.step_s, from_to(1e-12, 1e-8))?;
+    let key = "radio.sampled_pulse.autocorrelation";
+    if pulse.autocorrelation.len() != PULSE_SAMPLES {
+        let reason = format!("has {} values", pulse.autocorrelation.len());
+        return Err(Fault::key(key, reason).allowed(format!("{PULSE_SAMPLES} values, from lag 0 on")));
+    }
+    for (lag, value) in pulse.autocorrelation.iter().enumerate() {
+        let interval = match lag {
+            0 => from_to(0.999, 1.001),
+            1 => from_to(-1.0, 0.9999),
+            _ => from_to(-1.001, 1.001),
+        };
+        check_key(format!("{key}.{lag}"), *value, interval)?;
+    }
+    Ok(())
+}
+
 impl Recording {
     /// The first fault, if any.
     pub(super) fn check(&self) -> Result<(), Fault> {
@@ -130,6 +150,9 @@ impl Recording {
         let radio = &self.radio;
         check_key("radio.pulse_duration_s", radio.pulse_duration_s, PULSE_DURATION)?;
         check_key("radio.roll_off", radio.roll_off, from_to(0.0, 1.0))?;
+        if let Some(pulse) = &radio.sampled_pulse {
+            check_pulse(pulse)?;
+        }
         if let Some(spacing_s) = radio.sample_spacing_s {
             check_key("radio.sample_spacing_s", spacing_s, above_zero_to(1e-6))?;
         }

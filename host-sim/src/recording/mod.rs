@@ -125,13 +125,16 @@ pub struct AssociationModel {
 }
 
 /// The radio and the errors of its ranges.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Radio {
     /// Duration Tp of the root-raised-cosine pulse, in seconds.
     pub pulse_duration_s: f64,
-    /// Roll-off of the pulse, 0 to 1.
+    /// Roll-off of the pulse, 0 to 1; of a sampled one, the roll-off that has its rms bandwidth.
     pub roll_off: f64,
+    /// The pulse behind the matched filter, where it is no root-raised-cosine.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sampled_pulse: Option<SampledPulse>,
     /// Time between two samples of a frame, in seconds. Required when there are frames.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample_spacing_s: Option<f64>,
@@ -141,6 +144,16 @@ pub struct Radio {
     pub range_bias_mean_m: f64,
     /// Prior standard deviation of that bias, in metres; zero means that no bias is estimated.
     pub range_bias_std_m: f64,
+}
+
+/// A pulse behind the matched filter, R(t), sampled from its middle on: what a radio shows of a cable.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SampledPulse {
+    /// Time between two samples, in seconds.
+    pub step_s: f64,
+    /// R at lags of 0, 1, 2, ... steps: 33 values, the first 1.
+    pub autocorrelation: Vec<f64>,
 }
 
 /// A physical anchor.
@@ -315,6 +328,7 @@ pub(crate) mod tests {
             radio: Radio {
                 pulse_duration_s: 0.5e-9,
                 roll_off: 0.6,
+                sampled_pulse: None,
                 sample_spacing_s: Some(0.1e-9),
                 range_std_m: 0.1,
                 range_bias_mean_m: 0.0,

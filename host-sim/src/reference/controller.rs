@@ -15,6 +15,7 @@ use cogmint_core::controller::policy::Choice;
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::controller::value::Learning;
 use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::pulse::PulseShape;
 use rand_core::Rng;
 
 /// Overlap of two raised-cosine spectra of roll-off 0.6 and unit width, at distances 0, 0.05, ..., 1.6.
@@ -57,8 +58,8 @@ impl<T: Real> Library<T> {
     }
 
     /// The pulse of an action.
-    pub fn pulse(&self, action: usize, roll_off: T) -> Pulse<T> {
-        Pulse { duration_s: self.duration_s[action], roll_off }
+    pub fn pulse(&self, action: usize, shape: &PulseShape) -> Pulse<T> {
+        Pulse::new(self.duration_s[action], shape)
     }
 
     /// Spectral overlap of two actions, by linear interpolation of the table over their distance in mean widths, times
@@ -235,8 +236,8 @@ pub struct Outlook<T> {
     pub variance_inflation: T,
     /// Least standard deviation of a range, metres.
     pub range_floor_m: T,
-    /// Roll-off of the pulse.
-    pub roll_off: T,
+    /// Shape of the pulse.
+    pub pulse_shape: PulseShape,
 }
 
 /// How far and by what planning judges.
@@ -263,7 +264,7 @@ pub fn plan_one<T: Real>(
     library: &Library<T>,
 ) -> T {
     let num = T::of;
-    let pulse = library.pulse(action, outlook.roll_off);
+    let pulse = library.pulse(action, &outlook.pulse_shape);
     // Order: the variance at SINR 1, inflated, divided by the SINR.
     let unit = outlook.variance_inflation * pulse.range_variance_m2(T::ONE);
     let floor = square(outlook.range_floor_m);

@@ -275,8 +275,8 @@ impl<T: Real> Reference<T> {
     }
 
     fn take_frame(&mut self, frame: &Frame<'_>, scan: &mut Scan<T>) -> ChannelEstimate<T> {
-        let pulse = self.library.pulse(frame.action, T::of(self.config.radio.roll_off));
-        let estimator = self.estimator(pulse);
+        let pulse = self.library.pulse(frame.action, &self.config.radio.pulse_shape);
+        let estimator = self.estimator(&pulse);
         let estimate = estimator.estimate(frame.samples, T::of(frame.first_sample_delay_s));
         scan.action = frame.action;
         scan.framed = true;
@@ -300,19 +300,19 @@ impl<T: Real> Reference<T> {
     }
 
     /// The estimator of a pulse.
-    fn estimator(&mut self, pulse: Pulse<T>) -> &ChannelEstimator<T> {
-        let index = match self.estimators.iter().position(|(known, _)| *known == pulse) {
+    fn estimator(&mut self, pulse: &Pulse<T>) -> &ChannelEstimator<T> {
+        let index = match self.estimators.iter().position(|(known, _)| known == pulse) {
             Some(index) => index,
             None => {
                 let radio = &self.config.radio;
                 let estimator = ChannelEstimator::new(
-                    pulse,
+                    pulse.clone(),
                     T::of(radio.sample_spacing_s),
                     radio.samples_per_frame,
                     T::of(radio.false_paths_per_frame),
                     self.capacity.paths,
                 );
-                self.estimators.push((pulse, estimator));
+                self.estimators.push((pulse.clone(), estimator));
                 self.estimators.len() - 1
             }
         };
@@ -543,7 +543,7 @@ impl<T: Real> Reference<T> {
             acceleration_std_m_s2: T::of(self.config.motion.acceleration_std_m_s2),
             variance_inflation: T::of(self.config.ranging.variance_inflation),
             range_floor_m: T::of(self.config.ranging.floor_m),
-            roll_off: T::of(self.config.radio.roll_off),
+            pulse_shape: self.config.radio.pulse_shape,
         }
     }
 

@@ -2,10 +2,12 @@
 //!
 //! R(t) = sinc(t/T_p) cos(pi b t/T_p) / (1 - (2 b t/T_p)^2), the autocorrelation of a root-raised-cosine pulse of
 //! symbol time T_p and roll-off b; rms bandwidth beta = sqrt(1/12 + b^2 (1/4 - 2/pi^2)) / T_p; and the variance of a
-//! range of a given SINR, sigma^2 = c^2 / (8 pi^2 beta^2 SINR).
+//! range of a given SINR, sigma^2 = c^2 / (8 pi^2 beta^2 SINR). Or any pulse, from samples of its R.
 //!
 //! The channel estimator uses R from a table of 64 steps per T_p up to 4 T_p, interpolated linearly: the table is
 //! part of the contract, not the closed form.
+
+use cogmint_core::pulse::PulseShape;
 
 use super::real::{Real, abs, cos, larger, pi, sin, speed_of_light, sqrt, square, tau};
 
@@ -14,38 +16,83 @@ const STEPS: usize = 64;
 /// Pulse durations beyond which R counts as zero.
 const SUPPORT: usize = 4;
 
-/// A root-raised-cosine pulse.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A pulse.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Pulse<T> {
-    /// Symbol time T_p, seconds.
+    /// Duration T_p, seconds.
     pub duration_s: T,
-    /// Roll-off b.
-    pub roll_off: T,
+    /// Its shape.
+    pub shape: Shape<T>,
+}
+
+/// What a pulse looks like behind the matched filter.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape<T> {
+    /// Root-raised-cosine of roll-off b.
+    RootRaisedCosine(T),
+    /// Any other, by R at lags of 0, 1, 2, ... steps.
+    Sampled {
+        /// Seconds.
+        step_s: T,
+        /// R.
+        autocorrelation: Vec<T>,
+    },
 }
 
 impl<T: Real> Pulse<T> {
+    /// The pulse of a duration that the core's `shape` describes.
+    pub fn new(duration_s: T, shape: &PulseShape) -> Self {
+        let shape = match shape {
+            PulseShape::RootRaisedCosine { roll_off } => Shape::RootRaisedCosine(T::of(*roll_off)),
+            PulseShape::Sampled { step_s, autocorrelation } => Shape::Sampled {
+                step_s: T::of(*step_s),
+                autocorrelation: autocorrelation.iter().map(|r| T::of(*r)).collect(),
+            },
+        };
+        Self { duration_s, shape }
+    }
+
     /// R at a lag in pulse durations.
     pub fn autocorrelation(&self, lag: T) -> T {
-        let num = T::of;
-        let x = abs(lag);
-        let sinc = if x < num(1e-4) { T::ONE } else { sin(pi::<T>() * x) / (pi::<T>() * x) };
-        // Order: (2 b) x, and (pi b) x.
-        let edge = num(2.0) * self.roll_off * x;
-        let denominator = T::ONE - square(edge);
-        // At the pole both vanish; their ratio tends to pi / 4.
-        let taper = if abs(denominator) < num(1e-4) {
-            pi::<T>() / num(4.0)
-        } else {
-            cos(pi::<T>() * self.roll_off * x) / denominator
-        };
-        sinc * taper
+        match &self.shape {
+            Shape::RootRaisedCosine(roll_off) => raised_cosine(lag, *roll_off),
+            Shape::Sampled { step_s, autocorrelation } => {
+                // Order: the lag times the quotient of durations.
+                between_samples(autocorrelation, abs(lag) * (self.duration_s / *step_s))
+            }
+        }
     }
 
     /// Rms bandwidth beta, hertz.
     pub fn rms_bandwidth_hz(&self) -> T {
         let num = T::of;
-        let shape = num(1.0) / num(12.0) + square(self.roll_off) * (num(0.25) - num(2.0) / square(pi::<T>()));
-        sqrt(shape) / self.duration_s
+        match &self.shape {
+            Shape::RootRaisedCosine(roll_off) => {
+                let shape =
+                    num(1.0) / num(12.0) + square(*roll_off) * (num(0.25) - num(2.0) / square(pi::<T>()));
+                sqrt(shape) / self.duration_s
+            }
+            Shape::Sampled { step_s, autocorrelation: r } => {
+                // -R'' at zero, in steps, by the five-point rule.
+                let curvature = (num(15.0) * r[0] + r[2] - num(16.0) * r[1]) / num(6.0);
+                sqrt(larger(curvature, num(1e-6))) / (tau::<T>() * *step_s)
+            }
+        }
+    }
+
+    /// T_eff, seconds.
+    pub fn effective_duration_s(&self) -> T {
+        let num = T::of;
+        match &self.shape {
+            Shape::RootRaisedCosine(roll_off) => self.duration_s * (T::ONE - num(0.25) * *roll_off),
+            Shape::Sampled { step_s, autocorrelation } => {
+                let mut squares = T::ZERO;
+                for r in autocorrelation {
+                    squares += square(*r);
+                }
+                (num(2.0) * squares - T::ONE) * *step_s
+            }
+        }
     }
 
     /// Variance of a range estimated at `sinr` (linear), square metres.
@@ -55,6 +102,42 @@ impl<T: Real> Pulse<T> {
         // Order: ((2 tau^2) (beta/c)^2) SINR.
         T::ONE / (num(2.0) * square(tau::<T>()) * square(beta_over_c) * larger(sinr, num(1e-3)))
     }
+}
+
+fn raised_cosine<T: Real>(lag: T, roll_off: T) -> T {
+    let num = T::of;
+    let x = abs(lag);
+    let sinc = if x < num(1e-4) { T::ONE } else { sin(pi::<T>() * x) / (pi::<T>() * x) };
+    // Order: (2 b) x, and (pi b) x.
+    let edge = num(2.0) * roll_off * x;
+    let denominator = T::ONE - square(edge);
+    // At the pole both vanish; their ratio tends to pi / 4.
+    let taper = if abs(denominator) < num(1e-4) {
+        pi::<T>() / num(4.0)
+    } else {
+        cos(pi::<T>() * roll_off * x) / denominator
+    };
+    sinc * taper
+}
+
+/// Lagrange's polynomial through the six samples around a position in steps; even, and zero beyond the samples.
+fn between_samples<T: Real>(samples: &[T], position: T) -> T {
+    if position >= T::of_count(samples.len() - 1) {
+        return T::ZERO;
+    }
+    let base = position.whole();
+    let fraction = position - T::of_count(base as usize);
+    let at = |node: i64| if node < 0 { -T::of_count(-node as usize) } else { T::of_count(node as usize) };
+    let mut value = T::ZERO;
+    for node in -2..=3 {
+        let mut weight = T::ONE;
+        for other in (-2..=3).filter(|other| *other != node) {
+            weight *= (fraction - at(other)) / at(node - other);
+        }
+        let index = (base + node).unsigned_abs() as usize;
+        value += weight * samples.get(index).copied().unwrap_or(T::ZERO);
+    }
+    value
 }
 
 /// R(t), tabulated.

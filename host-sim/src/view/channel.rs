@@ -3,7 +3,7 @@
 use crate::input_error::InputError;
 use crate::plot::{ChannelFigure, ChannelPath, Picture};
 use crate::recording::{ARRAYS_FILE, Cycle, Frame, Recording, Samples};
-use crate::replay::PATHS;
+use crate::replay::{PATHS, pulse_shape};
 use cogmint_core::Config;
 use cogmint_core::observation;
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
@@ -64,8 +64,7 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
             (samples.iter().map(|m| f64::from(*m)).collect(), observation::Samples::Magnitude(samples))
         }
     };
-    let pulse =
-        Pulse { duration_s: action.pulse_duration_s as f32, roll_off: recording.radio.roll_off as f32 };
+    let pulse = Pulse { duration_s: action.pulse_duration_s as f32, shape: pulse_shape(&recording.radio) };
     let false_paths = Config::default().radio.false_paths_per_frame;
     let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s as f32, count, false_paths);
     let estimate = estimator.estimate(samples, first_s as f32);

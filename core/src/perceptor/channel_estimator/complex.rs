@@ -17,7 +17,7 @@ use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
 use super::magnitude::parabola_vertex;
 use super::noise::{CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
-use super::{ChannelEstimate, ChannelEstimator, Path};
+use super::{ChannelEstimate, ChannelEstimator};
 use crate::observation::Complex;
 use crate::real::{abs, larger, smaller};
 use heapless::Vec;
@@ -433,7 +433,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// Final amplitudes by least squares (no shrinkage), in order of delay.
     fn into_estimate(mut self, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
         self.invert_gram(|_| RIDGE);
-        let mut paths: Vec<Path, PATHS> = Vec::new();
+        let mut estimate = self.estimator.without_paths(self.noise, first_sample_delay_s);
         let mut from = 0;
         while from < self.components.len() {
             let to = cluster_end(&self.components, from, &self.estimator.table);
@@ -447,11 +447,11 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 let sinr = larger(component.gain - 1.0, 1e-3);
                 let path = self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr);
                 // Capacities are equal: every push succeeds.
-                let _ = paths.push(path);
+                let _ = estimate.paths.push(path);
             }
             from = to;
         }
-        ChannelEstimate { paths, noise: self.noise }
+        estimate
     }
 }
 

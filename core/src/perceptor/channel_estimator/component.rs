@@ -94,41 +94,42 @@ pub(super) fn cluster_end(components: &[Component], from: usize, table: &PulseTa
 /// Walks the samples of a frame with the components that reach each.
 pub(super) struct Reach<'a> {
     components: &'a [Component],
+    /// Index of the first of those that reach the present sample.
     from: usize,
-    to: usize,
-    /// The sample at which they change.
-    next: usize,
     active: &'a [Component],
+    /// The samples that they all reach, and no other: the first, and the one after the last.
+    since: usize,
+    until: usize,
 }
 
 impl<'a> Reach<'a> {
     pub fn new(components: &'a [Component]) -> Self {
-        Self { components, from: 0, to: 0, next: 0, active: &[] }
+        Self { components, from: 0, active: &[], since: 0, until: 0 }
     }
 
-    /// The components that reach sample `n`, which must not decrease from call to call: the index of the first, all of
-    /// them, and the sample at which they change.
+    /// The components that reach sample `n`: the index of the first, all of them, and the sample at which they change.
     #[inline]
     pub fn at(&mut self, n: usize) -> (usize, &'a [Component], usize) {
-        if n >= self.next {
+        if n >= self.until || n < self.since {
             self.change(n);
         }
-        (self.from, self.active, self.next)
+        (self.from, self.active, self.until)
     }
 
     // Rare beside the samples: kept out of their loops.
     #[inline(never)]
     fn change(&mut self, n: usize) {
-        let end = |k: usize| self.components.get(k).map_or(usize::MAX, |component| usize::from(component.end));
-        let first =
-            |k: usize| self.components.get(k).map_or(usize::MAX, |component| usize::from(component.first));
-        while first(self.to) <= n {
-            self.to += 1;
-        }
-        while self.from < self.to && end(self.from) <= n {
-            self.from += 1;
-        }
-        self.next = first(self.to).min(if self.from < self.to { end(self.from) } else { usize::MAX });
-        self.active = self.components.get(self.from..self.to).unwrap_or(&[]);
+        let first = |component: &Component| usize::from(component.first);
+        let end = |component: &Component| usize::from(component.end);
+        // In order of delay, first and last samples are so too.
+        self.from = self.components.iter().take_while(|component| end(component) <= n).count();
+        let to = self.components.iter().take_while(|component| first(component) <= n).count();
+        self.active = self.components.get(self.from..to).unwrap_or(&[]);
+        let at = |index: Option<usize>| index.and_then(|index| self.components.get(index));
+        let left = at(self.from.checked_sub(1)).map_or(0, end);
+        let entered = at(to.checked_sub(1)).map_or(0, first);
+        self.since = left.max(entered);
+        let leaves = at(Some(self.from)).map_or(usize::MAX, end);
+        self.until = leaves.min(at(Some(to)).map_or(usize::MAX, first));
     }
 }

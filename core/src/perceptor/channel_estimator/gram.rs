@@ -53,8 +53,7 @@ impl<const N: usize> Symmetric<N> {
                 for k in from..column {
                     sum -= self.lower(row, k) * self.lower(column, k) * self.lower(k, k);
                 }
-                let value =
-                    if row == column { larger(sum, 1e-6) } else { sum / self.lower(column, column) };
+                let value = if row == column { larger(sum, 1e-6) } else { sum / self.lower(column, column) };
                 self.set(row, column, value);
             }
         }

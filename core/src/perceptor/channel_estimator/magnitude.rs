@@ -7,7 +7,7 @@
 //! parabola through the maximum and its neighbours.
 
 use super::noise::{NoiseLevel, white_level};
-use super::{ChannelEstimate, ChannelEstimator, Path};
+use super::{ChannelEstimate, ChannelEstimator};
 use crate::real::{abs, larger, sqrt};
 use heapless::Vec;
 
@@ -53,12 +53,12 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 break;
             }
         }
-        let mut paths: Vec<Path, PATHS> = Vec::new();
+        let mut estimate = self.without_paths(NoiseLevel::white(white), first_sample_delay_s);
         for &(position, energy, sinr) in &peaks {
             // Capacities are equal: every push succeeds.
-            let _ = paths.push(self.path(position, first_sample_delay_s, [sqrt(energy), 0.0], sinr));
+            let _ = estimate.paths.push(self.path(position, first_sample_delay_s, [sqrt(energy), 0.0], sinr));
         }
-        ChannelEstimate { paths, noise: NoiseLevel::white(white) }
+        estimate
     }
 }
 

@@ -17,11 +17,11 @@ mod noise;
 
 use crate::observation::{Complex, Samples};
 use crate::pulse::{Pulse, PulseTable};
-use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger, ln, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, larger, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
 
-pub use noise::NoiseLevel;
+pub use noise::{DenseMultipath, NoiseLevel};
 
 /// One specular path.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +52,8 @@ pub struct ChannelEstimate<const PATHS: usize> {
     pub paths: Vec<Path, PATHS>,
     /// White noise and dense multipath.
     pub noise: NoiseLevel,
+    /// The dense multipath as a whole.
+    pub dense: DenseMultipath,
 }
 
 impl<const PATHS: usize> ChannelEstimate<PATHS> {
@@ -105,6 +107,13 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         }
     }
 
+    /// The estimate of a frame whose noise is `noise`, as yet without paths.
+    fn without_paths(&self, noise: NoiseLevel, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
+        let effective_s = self.pulse.effective_duration_s();
+        let dense = noise.dense_multipath(first_sample_delay_s, self.sample_spacing_s, effective_s);
+        ChannelEstimate { paths: Vec::new(), noise, dense }
+    }
+
     /// A path at `position` samples into the frame.
     fn path(&self, position: f32, first_sample_delay_s: f32, amplitude: Complex, sinr: f32) -> Path {
         let variance_m2 = self.pulse.range_variance_m2(sinr);
@@ -128,16 +137,17 @@ fn detection_threshold(bandwidth_window: f32, false_paths: f32) -> f32 {
     threshold
 }
 
-/// Independent samples that a fitted level is worth: those within 2.5 decay times of the dense multipath.
-const LEVEL_DECAYS: f32 = 2.5;
+/// Time over which a node's profile gathers its level: its integral over its peak, seconds.
+const LEVEL_S: f32 = 30e-9;
+/// By how much more than one part in n independent samples a peak is lost in a level fitted to n of them.
+const SELF_SHARE: f32 = 1.7;
 
-/// kappa where the level is a mean of n samples itself: the energy over it then exceeds kappa with probability
-/// (1 + kappa / n)^-n instead of exp(-kappa), so that n (exp(kappa / n) - 1) takes kappa's place.
+/// kappa where the level is fitted to n samples. A peak lifts the level under it, which costs more than the level's own
+/// errors add: measured in noise alone and in dense multipath from 0 to 37 dB above it, pulses of 0.5 and 2 ns, frames
+/// of 128 to 1016 samples, rates 0.01 to 1.
 fn fitted_threshold(pulse: &Pulse, threshold: f32) -> f32 {
-    // T_eff: what the matched filter makes one sample of.
-    let sample_s = pulse.duration_s * (1.0 - 0.25 * pulse.roll_off);
-    let samples = LEVEL_DECAYS * noise::DECAY_S / sample_s;
-    samples * (exp(threshold / samples) - 1.0)
+    let samples = LEVEL_S / pulse.effective_duration_s();
+    threshold / (1.0 + SELF_SHARE / samples)
 }
 
 #[cfg(test)]
@@ -146,7 +156,7 @@ mod tests {
 
     #[test]
     fn the_threshold_follows_the_false_path_rate() {
-        let pulse = Pulse { duration_s: 0.5e-9, roll_off: 0.6 };
+        let pulse = Pulse::root_raised_cosine(0.5e-9, 0.6);
         let bandwidth_window = pulse.rms_bandwidth_hz() * 100e-9;
         for (rate, kappa) in [(5.0, 4.57), (1.0, 6.34), (0.1, 8.81), (0.01, 11.23)] {
             assert!((detection_threshold(bandwidth_window, rate) - kappa).abs() < 0.01, "{rate}");

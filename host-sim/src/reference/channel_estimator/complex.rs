@@ -14,7 +14,7 @@
 
 use super::linear_algebra::inverse;
 use super::noise::{NoiseLevel, level_floor, white_level};
-use super::{ChannelEstimate, ChannelEstimator, parabola_vertex, power};
+use super::{ChannelEstimator, Path, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 
@@ -69,7 +69,7 @@ pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[[T; 2]],
     first_sample_delay_s: T,
-) -> ChannelEstimate<T> {
+) -> (Vec<Path<T>>, NoiseLevel<T>) {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
     let noise = NoiseLevel::everywhere(white_level(&powers), samples.len(), estimator.sample_spacing_s);
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
@@ -372,7 +372,7 @@ impl<T: Real> Fit<'_, T> {
     }
 
     /// The paths, with amplitudes by least squares (no prior).
-    fn finish(self, first_sample_delay_s: T) -> ChannelEstimate<T> {
+    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>) {
         let inverse = inverse(&self.gram(|_| T::of(1e-3)));
         let mut paths = Vec::new();
         for k in 0..self.components.len() {
@@ -385,6 +385,6 @@ impl<T: Real> Fit<'_, T> {
             let sinr = larger(component.gain - T::ONE, T::of(1e-3));
             paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
         }
-        ChannelEstimate { paths, noise: self.noise }
+        (paths, self.noise)
     }
 }

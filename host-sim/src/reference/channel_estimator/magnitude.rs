@@ -4,7 +4,7 @@
 //! clear of the stronger peaks: more than a pulse duration away, and not in their side lobes.
 
 use super::noise::{NoiseLevel, white_level};
-use super::{ChannelEstimate, ChannelEstimator, parabola_vertex};
+use super::{ChannelEstimator, Path, parabola_vertex};
 use crate::reference::real::{Real, abs, larger, sqrt, square};
 
 /// Energy below which, as a share of a stronger peak's, a peak within its pulse is a side lobe.
@@ -14,7 +14,7 @@ pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[T],
     first_sample_delay_s: T,
-) -> ChannelEstimate<T> {
+) -> (Vec<Path<T>>, NoiseLevel<T>) {
     let energies: Vec<T> = samples.iter().map(|sample| square(*sample)).collect();
     let white = white_level(&energies);
     let floor = estimator.threshold * white;
@@ -44,7 +44,7 @@ pub(super) fn estimate<T: Real>(
         let sinr = larger(energy / white - T::ONE, T::of(1e-3));
         paths.push(estimator.path(position, first_sample_delay_s, [sqrt(energy), T::ZERO], sinr));
     }
-    ChannelEstimate { paths, noise: NoiseLevel::white(white) }
+    (paths, NoiseLevel::white(white))
 }
 
 /// Whether a stronger peak explains one.

@@ -12,11 +12,11 @@ mod magnitude;
 mod noise;
 
 use super::pulse::{Pulse, PulseTable};
-use super::real::{Real, exp, larger, ln, pi, speed_of_light, sqrt, square};
+use super::real::{Real, larger, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::observation::Samples;
 use interpolation::Interpolation;
 
-pub use noise::NoiseLevel;
+pub use noise::{DenseMultipath, NoiseLevel};
 
 /// One path.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +38,8 @@ pub struct ChannelEstimate<T> {
     pub paths: Vec<Path<T>>,
     /// White noise and dense multipath.
     pub noise: NoiseLevel<T>,
+    /// The dense multipath as a whole.
+    pub dense: DenseMultipath<T>,
 }
 
 /// An estimator for one pulse and sample spacing.
@@ -49,7 +51,7 @@ pub struct ChannelEstimator<T> {
     sample_spacing_s: T,
     /// kappa beside a known level,
     threshold: T,
-    /// and beside one fitted to n samples: n (exp(kappa / n) - 1), n those of 2.5 decay times.
+    /// and beside one fitted to n samples: kappa / (1 + 1.7 / n), n those of 30 ns.
     fitted_threshold: T,
     /// Most paths reported.
     most_paths: usize,
@@ -72,12 +74,11 @@ impl<T: Real> ChannelEstimator<T> {
             let crossings = num(2.0) * bandwidth_window * sqrt(pi::<T>() * threshold) + T::ONE;
             threshold = larger(ln(crossings / false_paths), T::ONE);
         }
-        let sample_s = pulse.duration_s * (T::ONE - num(0.25) * pulse.roll_off);
-        let worth = num(2.5) * num(noise::DECAY_S) / sample_s;
-        let fitted_threshold = worth * (exp(threshold / worth) - T::ONE);
+        let worth = num(30e-9) / pulse.effective_duration_s();
+        let fitted_threshold = threshold / (T::ONE + num(1.7) / worth);
         Self {
-            pulse,
             table: PulseTable::new(&pulse, sample_spacing_s),
+            pulse,
             interpolation: Interpolation::new(),
             sample_spacing_s,
             threshold,
@@ -88,7 +89,7 @@ impl<T: Real> ChannelEstimator<T> {
 
     /// Estimates a frame's paths.
     pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: T) -> ChannelEstimate<T> {
-        match samples {
+        let (paths, noise) = match samples {
             Samples::Complex(samples) => {
                 let samples: Vec<[T; 2]> = samples.iter().map(|sample| sample.map(T::of)).collect();
                 complex::estimate(self, &samples, first_sample_delay_s)
@@ -97,7 +98,13 @@ impl<T: Real> ChannelEstimator<T> {
                 let samples: Vec<T> = samples.iter().map(|sample| T::of(*sample)).collect();
                 magnitude::estimate(self, &samples, first_sample_delay_s)
             }
-        }
+        };
+        let dense = noise.dense_multipath(
+            first_sample_delay_s,
+            self.sample_spacing_s,
+            self.pulse.effective_duration_s(),
+        );
+        ChannelEstimate { paths, noise, dense }
     }
 
     /// A path `position` samples into the frame.

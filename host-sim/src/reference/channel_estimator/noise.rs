@@ -2,19 +2,19 @@
 //!
 //! lambda(n) = N0 + sum over nodes j of theta_j (1 - chi exp(-t/rise)) exp(-t/decay), t = (n - n_j) T_s >= 0.
 //!
-//! theta and N0 climb the likelihood of exponentially distributed powers by theta_j <- theta_j U_j / V_j, with U_j and
+//! theta and N0 climb the likelihood of exponentially distributed powers by theta_j <- theta_j f(U_j / V_j), f(x) = x (1 + x) / 2, with U_j and
 //! V_j the sums over n of the node's profile times |r|^2 / lambda^2 (cut off) and times 1 / lambda. The profile is the
 //! difference of two exponentials; both are carried apart.
 
-use crate::reference::real::{Real, exp, larger, smaller};
+use crate::reference::real::{Real, exp, larger, smaller, sqrt, square};
 
-pub(super) const DECAY_S: f32 = 20e-9;
+const DECAY_S: f32 = 20e-9;
 const RISE_S: f32 = 5e-9;
 /// chi.
 const ONSET: f32 = 0.98;
 /// Seconds of a cell, within which the fit holds lambda constant; nodes lie at the beginnings of cells. The most nodes.
 const CELL_S: f32 = 2.5e-9;
-const NODES: usize = 64;
+const NODES: usize = 128;
 /// theta of every node at first, over the white noise.
 const FIRST_SHARE: f32 = 0.02;
 /// Cut of |r|^2 / lambda, and the share of its mean that is left below.
@@ -24,6 +24,17 @@ const KEPT: f32 = 0.993_262;
 const BLOCKS: usize = 16;
 /// What a mean of exponentially distributed powers keeps when those above five times the mean are left out.
 const TRIMMED_SHARE: f32 = 0.9661;
+
+/// The dense multipath of a frame: power (integral of its profile), mean delay, root mean square delay spread.
+#[derive(Clone, Copy, Debug)]
+pub struct DenseMultipath<T> {
+    /// Squared units of the samples.
+    pub power: T,
+    /// Seconds.
+    pub mean_delay_s: T,
+    /// Seconds.
+    pub rms_delay_spread_s: T,
+}
 
 /// The noise of a frame.
 #[derive(Clone, Debug)]
@@ -109,16 +120,56 @@ impl<T: Real> NoiseLevel<T> {
         levels
     }
 
+    /// Moments of the sum of all nodes' profiles. Order: those of the nodes, then those of one profile.
+    pub(super) fn dense_multipath(
+        &self,
+        first_sample_delay_s: T,
+        sample_spacing_s: T,
+        effective_duration_s: T,
+    ) -> DenseMultipath<T> {
+        let num = T::of;
+        let mut moments = [T::ZERO; 3];
+        for (j, theta) in self.theta.iter().enumerate() {
+            let time_s = T::of_count(j * self.node_samples) * sample_spacing_s;
+            moments[0] += *theta;
+            moments[1] += *theta * time_s;
+            moments[2] += *theta * square(time_s);
+        }
+        if moments[0] <= T::ZERO {
+            let none = T::ZERO;
+            return DenseMultipath {
+                power: none,
+                mean_delay_s: first_sample_delay_s,
+                rms_delay_spread_s: none,
+            };
+        }
+        let slow = num(DECAY_S);
+        let fast = slow * num(RISE_S) / (slow + num(RISE_S));
+        let chi = num(ONSET);
+        let integral = slow - chi * fast;
+        let mean = (square(slow) - chi * square(fast)) / integral;
+        let square_mean = num(2.0) * (square(slow) * slow - chi * (square(fast) * fast)) / integral;
+        let node_mean = moments[1] / moments[0];
+        let variance = (moments[2] / moments[0] - square(node_mean)) + (square_mean - square(mean));
+        DenseMultipath {
+            power: moments[0] * integral / effective_duration_s,
+            mean_delay_s: first_sample_delay_s + (node_mean + mean),
+            rms_delay_spread_s: sqrt(larger(variance, T::ZERO)),
+        }
+    }
+
     /// One update of N0 and all theta from the residual's powers; those that are `None` are left out.
     pub(super) fn update(&mut self, powers: &[Option<T>], floor: T) {
         let num = T::of;
         let cell_step = self.exponentials(T::of_count(self.cell_samples));
         let middle = self.exponentials(num(0.5) * (T::of_count(self.cell_samples) - T::ONE));
+        let node_step = self.exponentials(T::of_count(self.node_samples));
         let mut all = [T::ZERO; 2];
-        // Per node: sums of |r|^2 / lambda^2, cut off, and of 1 / lambda over its cells, weighted with both
-        // exponentials at the cells' middles.
-        let mut own = [[[T::ZERO; 2]; 2]; NODES];
-        for (j, of_node) in powers.chunks(self.node_samples).enumerate() {
+        // From each node on: sums of |r|^2 / lambda^2, cut off, and of 1 / lambda over the cells, weighted with both
+        // exponentials at the cells' middles. Order: from the last node to the first.
+        let mut after = [[T::ZERO; 2]; 2];
+        for (j, of_node) in powers.chunks(self.node_samples).enumerate().rev() {
+            let mut own = [[T::ZERO; 2]; 2];
             let mut weight = middle;
             for cell in of_node.chunks(self.cell_samples) {
                 let [decaying, rising] = [0, 1].map(|part| self.sums[j][part] * weight[part]);
@@ -130,23 +181,19 @@ impl<T: Real> NoiseLevel<T> {
                     count += 1;
                 }
                 let inverse = T::ONE / level;
-                let terms = [sum * (inverse * (inverse * (T::ONE / num(KEPT)))), T::of_count(count) * inverse];
+                let terms =
+                    [sum * (inverse * (inverse * (T::ONE / num(KEPT)))), T::of_count(count) * inverse];
                 for term in 0..2 {
                     all[term] += terms[term];
                     for part in 0..2 {
-                        own[j][part][term] += weight[part] * terms[term];
+                        own[part][term] += weight[part] * terms[term];
                     }
                 }
                 weight = [weight[0] * cell_step[0], weight[1] * cell_step[1]];
             }
-        }
-        // And over all samples after the node.
-        let node_step = self.exponentials(T::of_count(self.node_samples));
-        let mut after = [[T::ZERO; 2]; 2];
-        for j in (0..self.nodes).rev() {
             for part in 0..2 {
                 for term in 0..2 {
-                    after[part][term] = own[j][part][term] + node_step[part] * after[part][term];
+                    after[part][term] = own[part][term] + node_step[part] * after[part][term];
                 }
             }
             let [u, v] = [0, 1].map(|term| after[0][term] - num(ONSET) * after[1][term]);
@@ -157,9 +204,12 @@ impl<T: Real> NoiseLevel<T> {
     }
 }
 
-/// u / v within 1e-3 to 1e3; 1 where there was nothing to see.
+/// x (1 + x) / 2 with x = u / v, within 1e-3 to 1e3, or 1 where there was nothing to see. Order: x times a half plus
+/// half of x.
 fn factor<T: Real>(u: T, v: T) -> T {
-    if v > T::ZERO { smaller(larger(u / v, T::of(1e-3)), T::of(1e3)) } else { T::ONE }
+    let half = T::of(0.5);
+    let x = if v > T::ZERO { smaller(larger(u / v, T::of(1e-3)), T::of(1e3)) } else { T::ONE };
+    x * (half + half * x)
 }
 
 /// Mean of exponentially distributed powers from those below five times a guess of it; the guess if there are none.
