@@ -17,7 +17,7 @@ use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
 use super::magnitude::parabola_vertex;
 use super::noise::{CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
-use super::{ChannelEstimate, ChannelEstimator};
+use super::{ChannelEstimate, ChannelEstimator, Path};
 use crate::observation::Complex;
 use crate::real::{abs, larger, smaller};
 use heapless::Vec;
@@ -50,7 +50,7 @@ struct Fit<'a, const PATHS: usize> {
     samples: &'a [Complex],
     /// In order of delay.
     components: Vec<Component, PATHS>,
-    noise: NoiseLevel,
+    noise: &'a mut NoiseLevel,
     steps: LevelSteps,
     /// White noise is never taken as less than this: -120 dB of the strongest sample.
     floor: f32,
@@ -67,11 +67,12 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let white = white_level(|| samples.iter().map(power), samples.len());
         let strongest = samples.iter().map(power).fold(0.0, larger);
         let steps = LevelSteps::new(self.sample_spacing_s, samples.len());
+        let mut estimate = self.without_paths(NoiseLevel::open(white, &steps));
         let mut fit = Fit {
             estimator: self,
             samples,
             components: Vec::new(),
-            noise: NoiseLevel::open(white, &steps),
+            noise: &mut estimate.noise,
             steps,
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
@@ -97,7 +98,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 fit.settle();
             }
         }
-        fit.into_estimate(first_sample_delay_s)
+        fit.take_paths(first_sample_delay_s, &mut estimate.paths);
+        estimate
     }
 }
 
@@ -189,7 +191,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         let table = &self.estimator.table;
         // Between two samples a path has lost up to 1.2 dB: what falls short by more need not be looked at.
         let mut best = (None, SCALLOPING * self.estimator.threshold);
-        let mut walk = LevelWalk::new(&self.noise, &self.steps);
+        let mut walk = LevelWalk::new(self.noise, &self.steps);
         let mut reach = Reach::new(&self.components);
         let mut n = 0;
         while n < self.samples.len() {
@@ -430,10 +432,9 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         drop.map(|(k, _)| k)
     }
 
-    /// Final amplitudes by least squares (no shrinkage), in order of delay.
-    fn into_estimate(mut self, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
+    /// Paths with their final amplitudes, by least squares (no shrinkage), in order of delay.
+    fn take_paths(mut self, first_sample_delay_s: f32, paths: &mut Vec<Path, PATHS>) {
         self.invert_gram(|_| RIDGE);
-        let mut estimate = self.estimator.without_paths(self.noise, first_sample_delay_s);
         let mut from = 0;
         while from < self.components.len() {
             let to = cluster_end(&self.components, from, &self.estimator.table);
@@ -447,11 +448,10 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 let sinr = larger(component.gain - 1.0, 1e-3);
                 let path = self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr);
                 // Capacities are equal: every push succeeds.
-                let _ = estimate.paths.push(path);
+                let _ = paths.push(path);
             }
             from = to;
         }
-        estimate
     }
 }
 

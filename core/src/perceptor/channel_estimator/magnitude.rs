@@ -53,7 +53,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 break;
             }
         }
-        let mut estimate = self.without_paths(NoiseLevel::white(white), first_sample_delay_s);
+        let mut estimate = self.without_paths(NoiseLevel::white(white));
         for &(position, energy, sinr) in &peaks {
             // Capacities are equal: every push succeeds.
             let _ = estimate.paths.push(self.path(position, first_sample_delay_s, [sqrt(energy), 0.0], sinr));

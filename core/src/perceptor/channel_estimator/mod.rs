@@ -101,17 +101,19 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     ///
     /// Never fails: a frame without a path gives none. The samples must be finite.
     pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
-        match samples {
+        let mut estimate = match samples {
             Samples::Complex(samples) => self.estimate_complex(samples, first_sample_delay_s),
             Samples::Magnitude(samples) => self.estimate_magnitude(samples, first_sample_delay_s),
-        }
+        };
+        let effective_s = self.pulse.effective_duration_s();
+        estimate.dense =
+            estimate.noise.dense_multipath(first_sample_delay_s, self.sample_spacing_s, effective_s);
+        estimate
     }
 
-    /// The estimate of a frame whose noise is `noise`, as yet without paths.
-    fn without_paths(&self, noise: NoiseLevel, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
-        let effective_s = self.pulse.effective_duration_s();
-        let dense = noise.dense_multipath(first_sample_delay_s, self.sample_spacing_s, effective_s);
-        ChannelEstimate { paths: Vec::new(), noise, dense }
+    /// The beginning of an estimate: its noise.
+    fn without_paths(&self, noise: NoiseLevel) -> ChannelEstimate<PATHS> {
+        ChannelEstimate { paths: Vec::new(), noise, dense: DenseMultipath::default() }
     }
 
     /// A path at `position` samples into the frame.

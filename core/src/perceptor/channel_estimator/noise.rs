@@ -32,7 +32,7 @@ const KEPT: f32 = 0.993_262;
 const BLOCKS: usize = 16;
 
 /// The dense multipath of a frame as a whole.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DenseMultipath {
     /// Its power: the integral of its power delay profile, in squared units of the samples; on this scale a path has the
