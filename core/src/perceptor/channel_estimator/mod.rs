@@ -2,9 +2,10 @@
 //!
 //! The frame is the matched filter's output, y(t) = sum_k alpha_k R(t - tau_k) + noise, whose noise has the
 //! level lambda(t) = N0 + dense multipath. Complex frames go through sparse Bayesian learning (`complex.rs`);
-//! frames without phase through a peak model of their own (`magnitude.rs`). Both keep a path only where its
+//! frames without phase through a fit of single pulses (`magnitude.rs`). Both keep a path only where its
 //! normalised energy exceeds kappa, which follows from the false-path rate asked for:
-//! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope.
+//! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope. The envelope is
+//! what magnitudes show, so the rate holds for either mode.
 //!
 //! Fixed memory: no copy of the frame is made; the residual is recomputed from the paths where it is needed.
 
@@ -31,7 +32,8 @@ pub struct Path {
     /// Amplitude at the matched filter's output, in the unit of the samples; the imaginary part is zero in
     /// magnitude mode.
     pub amplitude: Complex,
-    /// Component SINR: energy over the local level of noise and dense multipath (linear).
+    /// Component SINR: energy over the local level of noise and dense multipath (linear); in magnitude mode over that
+    /// of neighbours of unknown phase as well.
     pub sinr: f32,
     /// Variance of the delay, square seconds: the single-path bound at this SINR.
     pub delay_variance_s2: f32,
@@ -67,9 +69,7 @@ pub struct ChannelEstimator<const PATHS: usize> {
     table: PulseTable,
     interpolation: Interpolation,
     sample_spacing_s: f32,
-    /// kappa beside a level that is known: magnitudes.
-    known_threshold: f32,
-    /// kappa beside a level that was fitted to dense multipath: complex frames.
+    /// kappa beside a level that was fitted to dense multipath.
     threshold: f32,
 }
 
@@ -84,12 +84,11 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             table: PulseTable::new(&pulse, sample_spacing_s),
             interpolation: Interpolation::new(),
             sample_spacing_s,
-            known_threshold,
             threshold: fitted_threshold(&pulse, known_threshold),
         }
     }
 
-    /// Threshold kappa on a path's normalised energy in complex frames.
+    /// Threshold kappa on a path's normalised energy.
     pub fn threshold(&self) -> f32 {
         self.threshold
     }

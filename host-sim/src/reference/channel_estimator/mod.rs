@@ -1,7 +1,7 @@
 //! Channel estimator: a frame's paths.
 //!
 //! Behind the matched filter, y(t) = sum over k of alpha_k R(t - tau_k) + noise of level lambda(t). Complex frames go
-//! through sparse Bayesian learning (`complex`), magnitudes through a search for peaks (`magnitude`). Both keep
+//! through sparse Bayesian learning (`complex`), magnitudes through a fit of single pulses (`magnitude`). Both keep
 //! what exceeds kappa, set by the rate of false paths mu: kappa = ln((2 B sqrt(pi kappa) + 1) / mu), with B the product
 //! of rms bandwidth and window.
 
@@ -47,9 +47,7 @@ pub struct ChannelEstimator<T> {
     table: PulseTable<T>,
     interpolation: Interpolation<T>,
     sample_spacing_s: T,
-    /// kappa beside a known level,
-    threshold: T,
-    /// and beside one fitted to n samples: n (exp(kappa / n) - 1), n those of 2.5 decay times.
+    /// kappa beside a level fitted to n samples: n (exp(kappa / n) - 1), n those of 2.5 decay times.
     fitted_threshold: T,
     /// Most paths reported.
     most_paths: usize,
@@ -80,7 +78,6 @@ impl<T: Real> ChannelEstimator<T> {
             table: PulseTable::new(&pulse, sample_spacing_s),
             interpolation: Interpolation::new(),
             sample_spacing_s,
-            threshold,
             fitted_threshold,
             most_paths,
         }
