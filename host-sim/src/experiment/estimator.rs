@@ -72,7 +72,7 @@ impl PathFinder for CoreMagnitude {
 fn find(samples: Samples<'_>, false_paths: f64) -> Vec<Found> {
     let pulse = Pulse { duration_s: DURATION_S as f32, roll_off: ROLL_OFF as f32 };
     let estimator = ChannelEstimator::<PATHS>::new(pulse, SPACING_S as f32, SAMPLES, false_paths as f32);
-    let estimate = estimator.estimate(samples, 0.0);
+    let estimate = estimator.estimate(samples, 0.0).expect("the responses are finite and not silent");
     let found = |path: &cogmint_core::perceptor::channel_estimator::Path| Found {
         delay_s: f64::from(path.delay_s),
         sinr: f64::from(path.sinr),

@@ -266,7 +266,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         let mut paths: Vec<Path, PATHS> = Vec::new();
         for (k, peak) in self.peaks.iter().enumerate() {
             let level = peak.level + self.overlap(k, peak.position);
-            let sinr = larger(peak.amplitude * peak.amplitude / level - 0.5, 1e-3);
+            let sinr = peak.amplitude * peak.amplitude / level - 0.5;
             let amplitude = [peak.amplitude, 0.0];
             // Capacities are equal: every push succeeds.
             let _ = paths.push(self.estimator.path(peak.position, first_sample_delay_s, amplitude, sinr));
@@ -331,4 +331,53 @@ fn alignment(x: f32) -> f32 {
 pub(super) fn parabola_vertex(before: f32, here: f32, after: f32) -> f32 {
     let curvature = before - 2.0 * here + after;
     if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pulse::Pulse;
+
+    #[test]
+    fn the_alignment_is_the_mean_cosine_of_a_concentrated_phase() {
+        for concentration in [0.0_f64, 0.3, 1.0, 2.5, 6.0, 40.0] {
+            let (mut sum, mut cosines) = (0.0, 0.0);
+            for step in 0..10_000 {
+                let angle = std::f64::consts::PI * (f64::from(step) + 0.5) / 10_000.0;
+                let weight = (concentration * (angle.cos() - 1.0)).exp();
+                sum += weight;
+                cosines += weight * angle.cos();
+            }
+            let error = cosines / sum - f64::from(alignment(concentration as f32));
+            assert!((-1e-6..0.0331).contains(&error), "{concentration}: {error}");
+        }
+    }
+
+    /// C^-1 of the three samples' correlations by Gaussian elimination.
+    #[test]
+    fn the_triple_weights_by_the_inverse_correlation() {
+        for (roll_off, spacing_s) in [(0.6, 0.25e-9), (0.25, 0.05e-9), (1.0, 0.4e-9)] {
+            let table = PulseTable::new(&Pulse { duration_s: 0.5e-9, roll_off }, spacing_s);
+            let triple = Triple::new(&table);
+            let r = |i: usize, j: usize| f64::from(table.at((i.abs_diff(j) * triple.stride) as f32));
+            let u = [0.3_f32, 1.0, -0.2];
+            let mut rows: [[f64; 4]; 3] =
+                std::array::from_fn(|i| [r(i, 0), r(i, 1), r(i, 2), f64::from(u[i])]);
+            for (i, row) in rows.iter_mut().enumerate() {
+                row[i] += f64::from(RIDGE);
+            }
+            for pivot in 0..3 {
+                for i in (0..3).filter(|&i| i != pivot) {
+                    let factor = rows[i][pivot] / rows[pivot][pivot];
+                    for column in 0..4 {
+                        rows[i][column] -= factor * rows[pivot][column];
+                    }
+                }
+            }
+            let v = [0.7_f32, 0.4, 0.9];
+            let expected: f64 = (0..3).map(|i| f64::from(v[i]) * rows[i][3] / rows[i][i]).sum();
+            let error = f64::from(triple.inner(&u, &v)) / expected - 1.0;
+            assert!(error.abs() < 0.02, "roll-off {roll_off}: {error}");
+        }
+    }
 }

@@ -15,9 +15,9 @@ mod interpolation;
 mod magnitude;
 mod noise;
 
-use crate::observation::{Complex, Samples};
+use crate::observation::{Complex, SampleFault, Samples};
 use crate::pulse::{Pulse, PulseTable};
-use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger, ln, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger, limited, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
 
@@ -33,7 +33,7 @@ pub struct Path {
     /// magnitude mode.
     pub amplitude: Complex,
     /// Component SINR: energy over the local level of noise and dense multipath (linear); in magnitude mode over that
-    /// of neighbours of unknown phase as well.
+    /// of neighbours of unknown phase as well. 1e-3 to 1e12.
     pub sinr: f32,
     /// Variance of the delay, square seconds: the single-path bound at this SINR.
     pub delay_variance_s2: f32,
@@ -73,6 +73,10 @@ pub struct ChannelEstimator<const PATHS: usize> {
     threshold: f32,
 }
 
+/// SINRs reported: the level is never taken as less than -120 dB of the strongest sample, so more means nothing.
+const LEAST_SINR: f32 = 1e-3;
+const MOST_SINR: f32 = 1e12;
+
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
     /// An estimator for frames of `samples` samples, `sample_spacing_s` seconds apart, that reports
     /// `false_paths` paths per frame of pure noise on average (1e-4 to 10).
@@ -93,10 +97,26 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         self.threshold
     }
 
-    /// Estimates the paths of a frame whose first sample stands for a delay of `first_sample_delay_s`.
+    /// Estimates the paths of a frame whose first sample stands for a delay of `first_sample_delay_s`; none where
+    /// nothing stands out of the noise.
     ///
-    /// Never fails: a frame without a path gives none. The samples must be finite.
-    pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
+    /// # Errors
+    /// What is wrong with the samples.
+    pub fn estimate(
+        &self,
+        samples: Samples<'_>,
+        first_sample_delay_s: f32,
+    ) -> Result<ChannelEstimate<PATHS>, SampleFault> {
+        samples.check()?;
+        Ok(self.estimate_checked(samples, first_sample_delay_s))
+    }
+
+    /// [`Self::estimate`] of samples that passed [`Samples::check`].
+    pub(crate) fn estimate_checked(
+        &self,
+        samples: Samples<'_>,
+        first_sample_delay_s: f32,
+    ) -> ChannelEstimate<PATHS> {
         match samples {
             Samples::Complex(samples) => self.estimate_complex(samples, first_sample_delay_s),
             Samples::Magnitude(samples) => self.estimate_magnitude(samples, first_sample_delay_s),
@@ -105,6 +125,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
 
     /// A path at `position` samples into the frame.
     fn path(&self, position: f32, first_sample_delay_s: f32, amplitude: Complex, sinr: f32) -> Path {
+        let sinr = limited(sinr, LEAST_SINR, MOST_SINR);
         let variance_m2 = self.pulse.range_variance_m2(sinr);
         Path {
             delay_s: first_sample_delay_s + position * self.sample_spacing_s,

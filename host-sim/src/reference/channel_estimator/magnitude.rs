@@ -70,7 +70,7 @@ pub(super) fn estimate<T: Real>(
     let paths = (0..peaks.len()).map(|k| {
         let peak = peaks[k];
         let level = peak.level + overlap(estimator, &peaks, k);
-        let sinr = larger(square(peak.amplitude) / level - num(0.5), num(1e-3));
+        let sinr = square(peak.amplitude) / level - num(0.5);
         estimator.path(peak.position, first_sample_delay_s, [peak.amplitude, T::ZERO], sinr)
     });
     ChannelEstimate { paths: paths.collect(), noise }

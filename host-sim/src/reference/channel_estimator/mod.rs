@@ -12,7 +12,7 @@ mod magnitude;
 mod noise;
 
 use super::pulse::{Pulse, PulseTable};
-use super::real::{Real, exp, larger, ln, pi, speed_of_light, sqrt, square};
+use super::real::{Real, exp, larger, limited, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::observation::Samples;
 use interpolation::Interpolation;
 
@@ -52,6 +52,10 @@ pub struct ChannelEstimator<T> {
     /// Most paths reported.
     most_paths: usize,
 }
+
+/// SINRs reported.
+const LEAST_SINR: f32 = 1e-3;
+const MOST_SINR: f32 = 1e12;
 
 impl<T: Real> ChannelEstimator<T> {
     /// An estimator for frames of `samples` samples that finds `false_paths` paths per frame of noise.
@@ -99,6 +103,7 @@ impl<T: Real> ChannelEstimator<T> {
 
     /// A path `position` samples into the frame.
     fn path(&self, position: T, first_sample_delay_s: T, amplitude: [T; 2], sinr: T) -> Path<T> {
+        let sinr = limited(sinr, T::of(LEAST_SINR), T::of(MOST_SINR));
         Path {
             delay_s: first_sample_delay_s + position * self.sample_spacing_s,
             amplitude,
