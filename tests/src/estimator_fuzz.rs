@@ -15,8 +15,10 @@ use std::time::{Duration, Instant};
 pub const BATCH: u64 = 40;
 /// Longest frame.
 const LONGEST: usize = 1024;
-/// No frame may take longer: hundreds of times the slowest one, so that a busy machine does not matter.
-const TIME_LIMIT: Duration = Duration::from_secs(10);
+/// No frame may take longer; about ten times the slowest.
+const TIME_LIMIT: Duration = Duration::from_millis(250);
+/// How often a frame is timed before it counts as slow: a busy machine stalls anything once.
+const TIMINGS: usize = 5;
 const PATHS: usize = 16;
 
 /// What a frame is made of.
@@ -351,9 +353,17 @@ pub fn batch(number: u64) -> Tally {
             None => Samples::Complex(&samples),
         };
         let fault = fault(samples);
-        let begin = Instant::now();
-        let answer = estimator.estimate(samples, first_sample_delay_s);
-        let took = begin.elapsed();
+        let timed = || {
+            let begin = Instant::now();
+            let answer = estimator.estimate(samples, first_sample_delay_s);
+            (answer, begin.elapsed())
+        };
+        let (answer, mut took) = timed();
+        for _ in 1..TIMINGS {
+            if took > TIME_LIMIT / 10 {
+                took = took.min(timed().1);
+            }
+        }
         assert!(took < TIME_LIMIT, "{name}: took {took:?}");
         tally.slowest = tally.slowest.max(took);
         match (answer, fault) {

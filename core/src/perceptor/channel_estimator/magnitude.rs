@@ -369,8 +369,9 @@ mod tests {
             for pivot in 0..3 {
                 for i in (0..3).filter(|&i| i != pivot) {
                     let factor = rows[i][pivot] / rows[pivot][pivot];
-                    for column in 0..4 {
-                        rows[i][column] -= factor * rows[pivot][column];
+                    let subtracted = rows[pivot].map(|entry| factor * entry);
+                    for (entry, subtracted) in rows[i].iter_mut().zip(subtracted) {
+                        *entry -= subtracted;
                     }
                 }
             }

@@ -131,7 +131,7 @@ fn unexplained<T: Real>(
     let mut left = magnitude;
     for k in 0..peaks.len() {
         if own != Some(k) {
-            left = left - peaks[k].amplitude * abs(estimator.table.at(position - peaks[k].position));
+            left -= peaks[k].amplitude * abs(estimator.table.at(position - peaks[k].position));
         }
     }
     larger(left, T::ZERO)
