@@ -327,7 +327,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             self.estimator = build_estimator(&self.config, pulse);
             self.estimator_pulse = pulse;
         }
-        let estimate = self.estimator.estimate(frame.samples, frame.first_sample_delay_s);
+        let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
         observer.estimate(frame.anchor, &estimate);
         into.action = frame.action;
         into.framed = true;

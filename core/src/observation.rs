@@ -3,6 +3,9 @@
 use crate::error::Error;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 
+/// Largest sample magnitude accepted: energies times squared ranges, summed over a frame, stay finite in f32.
+const LARGEST_SAMPLE: f32 = 1e12;
+
 /// Complex baseband sample: real and imaginary part.
 pub type Complex = [f32; 2];
 
@@ -29,7 +32,87 @@ impl Samples<'_> {
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
+
+    /// Whether paths can be looked for in these samples.
+    ///
+    /// # Errors
+    /// The first fault.
+    pub fn check(&self) -> Result<(), SampleFault> {
+        if self.is_empty() {
+            return Err(SampleFault::Empty);
+        }
+        let mut silent = true;
+        match self {
+            Samples::Complex(samples) => {
+                for (sample, value) in samples.iter().enumerate() {
+                    for part in value {
+                        if !(abs(*part) < LARGEST_SAMPLE) {
+                            return Err(SampleFault::NotFinite { sample });
+                        }
+                        silent &= *part == 0.0;
+                    }
+                }
+            }
+            Samples::Magnitude(samples) => {
+                for (sample, value) in samples.iter().enumerate() {
+                    if !(abs(*value) < LARGEST_SAMPLE) {
+                        return Err(SampleFault::NotFinite { sample });
+                    }
+                    if *value < 0.0 {
+                        return Err(SampleFault::Negative { sample });
+                    }
+                    silent &= *value == 0.0;
+                }
+            }
+        }
+        if silent { Err(SampleFault::Silent) } else { Ok(()) }
+    }
+
+    /// How many samples reach a level with either part.
+    fn reaching(&self, level: f32) -> usize {
+        match self {
+            Samples::Complex(samples) => {
+                samples.iter().filter(|value| value.iter().any(|part| abs(*part) >= level)).count()
+            }
+            Samples::Magnitude(samples) => samples.iter().filter(|value| **value >= level).count(),
+        }
+    }
 }
+
+/// Why samples are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SampleFault {
+    /// There is none.
+    Empty,
+    /// One is NaN, infinite or beyond 1e12.
+    NotFinite {
+        /// Index of the first such sample.
+        sample: usize,
+    },
+    /// A magnitude is below zero.
+    Negative {
+        /// Index of the first such sample.
+        sample: usize,
+    },
+    /// All are zero.
+    Silent,
+}
+
+impl core::fmt::Display for SampleFault {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Empty => write!(f, "the frame has no samples"),
+            Self::NotFinite { sample } => {
+                write!(f, "sample {sample} is not a finite number below 1e12 in magnitude")
+            }
+            Self::Negative { sample } => write!(f, "sample {sample} is a negative magnitude"),
+            Self::Silent => write!(f, "all samples are zero"),
+        }
+    }
+}
+
+impl core::error::Error for SampleFault {}
 
 /// One received channel impulse response.
 #[derive(Clone, Copy, Debug)]
@@ -85,9 +168,6 @@ impl Observation<'_> {
     }
 }
 
-/// Largest sample magnitude accepted: energies times squared ranges, summed over a frame, stay finite in f32.
-const LARGEST_SAMPLE: f32 = 1e12;
-
 /// What a frame must satisfy.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FrameRules {
@@ -108,37 +188,13 @@ pub(crate) fn check_frame(frame: &Frame<'_>, rules: &FrameRules) -> Result<(), E
     if !(frame.first_sample_delay_s > -1e-5 && frame.first_sample_delay_s < longest_delay_s) {
         return Err(Error::FrameDelay { anchor });
     }
-    let mut saturated = 0_usize;
-    let mut silent = true;
-    let full_scale = rules.full_scale.unwrap_or(LARGEST_SAMPLE);
-    match frame.samples {
-        Samples::Complex(samples) => {
-            for (sample, value) in samples.iter().enumerate() {
-                for part in value {
-                    if !(abs(*part) < LARGEST_SAMPLE) {
-                        return Err(Error::SampleNotFinite { anchor, sample });
-                    }
-                    silent &= *part == 0.0;
-                }
-                saturated += usize::from(value.iter().any(|part| abs(*part) >= full_scale));
-            }
-        }
-        Samples::Magnitude(samples) => {
-            for (sample, value) in samples.iter().enumerate() {
-                if !(abs(*value) < LARGEST_SAMPLE) {
-                    return Err(Error::SampleNotFinite { anchor, sample });
-                }
-                if *value < 0.0 {
-                    return Err(Error::NegativeMagnitude { anchor, sample });
-                }
-                silent &= *value == 0.0;
-                saturated += usize::from(*value >= full_scale);
-            }
-        }
-    }
-    if silent {
-        return Err(Error::SilentFrame { anchor });
-    }
+    frame.samples.check().map_err(|fault| match fault {
+        SampleFault::Empty => Error::FrameLength { anchor, given, expected: rules.samples },
+        SampleFault::NotFinite { sample } => Error::SampleNotFinite { anchor, sample },
+        SampleFault::Negative { sample } => Error::NegativeMagnitude { anchor, sample },
+        SampleFault::Silent => Error::SilentFrame { anchor },
+    })?;
+    let saturated = rules.full_scale.map_or(0, |full_scale| frame.samples.reaching(full_scale));
     // One sample may graze full scale; two or more mean a clipped pulse.
     if saturated > 1 {
         return Err(Error::SaturatedFrame { anchor, samples: saturated });

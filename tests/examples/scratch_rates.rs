@@ -29,7 +29,7 @@ fn main() {
                         let mut rng = stream(9, Purpose::Experiment, &[n, i]);
                         let onset = n as f64 * ts * (0.1 + 0.3 * uniform(&mut rng));
                         let d = if omega > 0.0 { Some(Dense { omega, onset_s: onset }) } else { None };
-                        est.estimate(Samples::Complex(&m.draw(&mut rng, &[], d)), 0.0).paths.len()
+                        est.estimate(Samples::Complex(&m.draw(&mut rng, &[], d)), 0.0).unwrap().paths.len()
                     })
                     .sum();
                 print!(

@@ -2,6 +2,7 @@
 //!
 //! The tests are in `tests/tests/`; here is what they share.
 
+pub mod estimator_fuzz;
 pub mod mutation;
 
 use std::path::{Path, PathBuf};

@@ -39,12 +39,33 @@ impl Channel {
 
     /// Matched-filter samples of paths (delay in ns, amplitude over the noise deviation) in unit noise.
     fn frame(&mut self, paths: &[(f64, [f64; 2])]) -> Vec<[f32; 2]> {
+        self.frame_in(paths, None)
+    }
+
+    /// The same in dense multipath of a power over the white noise's and an onset in ns: white in a quarter of a
+    /// pulse, weighted by the soft-onset profile, and filtered by R.
+    fn frame_in(&mut self, paths: &[(f64, [f64; 2])], dense: Option<(f64, f64)>) -> Vec<[f32; 2]> {
+        let step_ns = SPACING_NS / 2.0;
+        let scatterers: Vec<[f64; 2]> = dense.map_or(Vec::new(), |(power, onset_ns)| {
+            let draw = |n: i32| {
+                let t = f64::from(n - 32) * step_ns - onset_ns;
+                let rise = 1.0 - 0.98 * (-t / 5.0).exp();
+                let density = if t < 0.0 { 0.0 } else { rise * (-t / 20.0).exp() / (20.0 - 0.98 * 4.0) };
+                let scale = (power * density * step_ns).sqrt();
+                self.normal().map(|x| scale * x)
+            };
+            (0..2 * SAMPLES as i32 + 65).map(draw).collect()
+        });
+        let pulse: Vec<f64> = (-32..=32).map(|n| f64::from(PULSE.autocorrelation(n as f32 * 0.25))).collect();
         let white: Vec<[f64; 2]> = (0..SAMPLES + self.taps.len()).map(|_| self.normal()).collect();
         (0..SAMPLES)
             .map(|n| {
                 let mut sum = [0.0, 0.0];
                 for (tap, [re, im]) in self.taps.iter().zip(&white[n..]) {
                     sum = [sum[0] + tap * re, sum[1] + tap * im];
+                }
+                for (r, [re, im]) in pulse.iter().zip(scatterers.iter().skip(2 * n)) {
+                    sum = [sum[0] + r * re, sum[1] + r * im];
                 }
                 for (delay_ns, [re, im]) in paths {
                     let r =
@@ -71,7 +92,7 @@ fn estimator(false_paths: f32) -> ChannelEstimator<16> {
 }
 
 fn estimate(estimator: &ChannelEstimator<16>, frame: &[[f32; 2]]) -> ChannelEstimate<16> {
-    estimator.estimate(Samples::Complex(frame), 0.0)
+    estimator.estimate(Samples::Complex(frame), 0.0).expect("finite samples")
 }
 
 #[test]
@@ -134,42 +155,147 @@ fn two_equal_paths_one_pulse_apart_are_resolved() {
     assert!(resolved >= 450, "{resolved} of 500");
 }
 
-#[test]
-fn magnitudes_alone_still_give_the_path_within_a_fraction_of_a_sample() {
-    let estimator = ChannelEstimator::<16>::new(PULSE, 0.25e-9, SAMPLES, 0.1);
-    let mut channel = Channel::new(4);
-    let (mut squared, mut extra) = (0.0, 0);
-    for _ in 0..300 {
-        let delay_ns = 40.0 + channel.uniform();
-        let amplitude = channel.phased(30.0);
-        let magnitudes: Vec<f32> =
-            channel.frame(&[(delay_ns, amplitude)]).iter().map(|[re, im]| re.hypot(*im)).collect();
-        let estimate = estimator.estimate(Samples::Magnitude(&magnitudes), 0.0);
-        let first = estimate.paths.first().expect("a path of 29.5 dB");
-        squared += (f64::from(first.delay_s) * 1e9 - delay_ns).powi(2);
-        extra += estimate.paths.len() - 1;
-    }
-    let rmse_ns = (squared / 300.0_f64).sqrt();
-    println!("RMSE {rmse_ns:.4} ns, {extra} extra paths in 300 frames");
-    assert!(rmse_ns < 0.03 && extra < 60, "{rmse_ns} ns, {extra}");
+fn magnitudes(estimator: &ChannelEstimator<16>, frame: &[[f32; 2]]) -> ChannelEstimate<16> {
+    let magnitudes: Vec<f32> = frame.iter().map(|[re, im]| re.hypot(*im)).collect();
+    estimator.estimate(Samples::Magnitude(&magnitudes), 0.0).expect("finite samples")
 }
 
 #[test]
-fn degenerate_frames_give_an_answer_in_bounded_time() {
-    let estimator = estimator(0.1);
-    for frame in [
-        vec![[1.0, 0.0]; SAMPLES],
-        (0..SAMPLES).map(|n| [if n == 7 { 1e15 } else { 0.0 }, 0.0]).collect(),
-        (0..SAMPLES).map(|n| [if n % 2 == 0 { 1.0 } else { -1.0 }, 1e-30]).collect(),
-        vec![[1e-30, -1e-30]; SAMPLES],
-        vec![[3.0, 4.0]],
-        Vec::new(),
-    ] {
-        let estimate = estimate(&estimator, &frame);
-        for path in &estimate.paths {
-            assert!(path.delay_s.is_finite() && path.sinr.is_finite() && path.sinr > 0.0);
+fn magnitudes_alone_give_the_delay_as_precisely_as_the_bound_allows_and_say_so() {
+    let estimator = estimator(0.01);
+    let mut channel = Channel::new(4);
+    for decibels in [15.0_f64, 20.0, 30.0] {
+        let snr = 10_f64.powf(decibels / 10.0);
+        let bound_ns = 1e9
+            / (8.0 * std::f64::consts::PI.powi(2) * f64::from(PULSE.rms_bandwidth_hz()).powi(2) * snr).sqrt();
+        let (mut squared, mut normalised, mut found, mut extra) = (0.0, 0.0, 0, 0);
+        for _ in 0..600 {
+            let delay_ns = 40.0 + channel.uniform();
+            let amplitude = channel.phased(snr.sqrt());
+            let estimate = magnitudes(&estimator, &channel.frame(&[(delay_ns, amplitude)]));
+            let near =
+                estimate.paths.iter().find(|path| (f64::from(path.delay_s) * 1e9 - delay_ns).abs() < 0.25);
+            extra += estimate.paths.len() - usize::from(near.is_some());
+            if let Some(path) = near {
+                let error_ns = f64::from(path.delay_s) * 1e9 - delay_ns;
+                squared += error_ns.powi(2);
+                normalised += error_ns.powi(2) / (f64::from(path.delay_variance_s2) * 1e18);
+                found += 1;
+            }
         }
-        let magnitudes: Vec<f32> = frame.iter().map(|[re, im]| re.hypot(*im)).collect();
-        estimator.estimate(Samples::Magnitude(&magnitudes), 0.0);
+        let ratio = (squared / f64::from(found)).sqrt() / bound_ns;
+        let normalised = normalised / f64::from(found);
+        println!(
+            "{decibels} dB: RMSE / CRLB {ratio:.3}, squared error over its variance {normalised:.3}, {extra} extra"
+        );
+        assert!(found >= 594 && extra < 20 && ratio < 1.2 && normalised > 0.7 && normalised < 1.4);
+    }
+}
+
+#[test]
+fn the_delay_of_a_magnitude_has_no_bias_between_the_samples() {
+    // A parabola through the magnitudes is up to 9 ps off here, one through their squares 22 ps.
+    let estimator = estimator(0.01);
+    let mut channel = Channel::new(5);
+    for step in 0..10 {
+        let delay_ns = 40.0 + SPACING_NS * f64::from(step) / 10.0;
+        let mut error_ns = 0.0;
+        for _ in 0..100 {
+            let amplitude = channel.phased(100.0);
+            let estimate = magnitudes(&estimator, &channel.frame(&[(delay_ns, amplitude)]));
+            let path = estimate.paths.first().expect("a path of 40 dB");
+            error_ns += (f64::from(path.delay_s) * 1e9 - delay_ns) / 100.0;
+        }
+        assert!(error_ns.abs() < 1e-3, "{error_ns} ns at {step} tenths of a sample");
+    }
+}
+
+#[test]
+fn magnitudes_of_noise_and_dense_multipath_give_the_false_paths_asked_for() {
+    let mut channel = Channel::new(6);
+    for rate in [0.1_f32, 1.0] {
+        let estimator = estimator(rate);
+        for dense in [None, Some((300.0, 12.0))] {
+            let frames = 1500;
+            let count = |_| {
+                let frame = channel.frame_in(&[], dense);
+                magnitudes(&estimator, &frame).paths.len()
+            };
+            let measured = (0..frames).map(count).sum::<usize>() as f64 / f64::from(frames);
+            println!("asked for {rate}, got {measured:.3} with dense multipath {dense:?}");
+            let most = if dense.is_some() { 2.5 } else { 2.0 };
+            assert!(
+                measured > f64::from(rate) / 2.0 && measured < f64::from(rate) * most,
+                "{rate}: {measured}"
+            );
+        }
+    }
+}
+
+#[test]
+fn magnitudes_of_two_paths_a_pulse_and_a_half_apart_are_two_paths() {
+    let estimator = estimator(0.01);
+    let mut channel = Channel::new(7);
+    for apart_ns in [0.75, 1.0, 1.5] {
+        let (mut resolved, mut normalised) = (0, 0.0);
+        for _ in 0..300 {
+            let delay_ns = 40.0 + channel.uniform();
+            let amplitudes = [channel.phased(17.8), channel.phased(17.8)];
+            let frame = channel.frame(&[(delay_ns, amplitudes[0]), (delay_ns + apart_ns, amplitudes[1])]);
+            let estimate = magnitudes(&estimator, &frame);
+            if let ([_, _], Some(first)) = (estimate.paths.as_slice(), estimate.first_path()) {
+                let error_ns = f64::from(first.delay_s) * 1e9 - delay_ns;
+                normalised += error_ns.powi(2) / (f64::from(first.delay_variance_s2) * 1e18);
+                resolved += usize::from(error_ns.abs() < 0.25);
+            }
+        }
+        let normalised = normalised / f64::from(resolved as u32);
+        println!("{apart_ns} ns apart: {resolved} of 300, squared error over its variance {normalised:.2}");
+        assert!(resolved >= 285 && normalised < 1.5, "{apart_ns} ns: {resolved} of 300, {normalised}");
+    }
+}
+
+#[test]
+fn no_two_paths_of_magnitudes_are_closer_than_a_pulse() {
+    let estimator = estimator(1.0);
+    let mut channel = Channel::new(8);
+    for _ in 0..200 {
+        let paths: Vec<_> = (0..12).map(|_| (20.0 + 5.0 * channel.uniform(), channel.phased(30.0))).collect();
+        let mut delays_ns: Vec<f32> = magnitudes(&estimator, &channel.frame(&paths))
+            .paths
+            .iter()
+            .map(|path| path.delay_s * 1e9)
+            .collect();
+        delays_ns.sort_by(f32::total_cmp);
+        // Found a pulse apart, they may then move by a fraction of a sample.
+        assert!(delays_ns.windows(2).all(|pair| pair[1] - pair[0] > 0.3), "{delays_ns:?}");
+    }
+}
+
+#[test]
+fn a_strong_path_in_dense_multipath_is_one_path_and_its_side_lobes_none() {
+    let estimator = estimator(0.1);
+    let mut channel = Channel::new(9);
+    let (mut found, mut extra) = (0, 0);
+    for _ in 0..300 {
+        let delay_ns = 12.0 + channel.uniform();
+        let amplitude = channel.phased(56.2);
+        let frame = channel.frame_in(&[(delay_ns, amplitude)], Some((300.0, delay_ns)));
+        let estimate = magnitudes(&estimator, &frame);
+        let near = |delay_s: f32| (f64::from(delay_s) * 1e9 - delay_ns).abs() < 0.25;
+        let hits = estimate.paths.iter().filter(|path| near(path.delay_s)).count();
+        found += usize::from(hits == 1);
+        extra += estimate.paths.len() - hits;
+    }
+    println!("{found} of 300 found, {extra} extra");
+    assert!(found == 300 && extra < 90, "{found}, {extra}");
+}
+
+#[test]
+fn magnitudes_without_a_pulse_give_no_path() {
+    let estimator = estimator(1.0);
+    for shape in [|_| 1.0, |n| n as f32, |n| (n % 2) as f32, |n| 400.0 - n as f32] {
+        let samples: Vec<f32> = (0..SAMPLES).map(shape).collect();
+        assert!(estimator.estimate(Samples::Magnitude(&samples), 0.0).unwrap().paths.is_empty());
     }
 }

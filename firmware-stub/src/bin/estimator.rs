@@ -57,5 +57,7 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Option<()> {
 /// How many paths a frame has. Its own stack frame, so that all scratch of the estimate lies below the painter.
 #[inline(never)]
 fn paths(estimator: &Estimator, frame: &cogmint_core::observation::Frame<'_>) -> u32 {
-    estimator.estimate(frame.samples, frame.first_sample_delay_s).paths.len() as u32
+    estimator
+        .estimate(frame.samples, frame.first_sample_delay_s)
+        .map_or(0, |estimate| estimate.paths.len() as u32)
 }

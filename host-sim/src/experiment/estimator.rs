@@ -51,15 +51,33 @@ impl PathFinder for Core {
     }
 
     fn find(&self, samples: &[[f32; 2]], false_paths: f64) -> Vec<Found> {
-        let pulse = Pulse::root_raised_cosine(DURATION_S as f32, ROLL_OFF as f32);
-        let estimator = ChannelEstimator::<PATHS>::new(pulse, SPACING_S as f32, SAMPLES, false_paths as f32);
-        let estimate = estimator.estimate(Samples::Complex(samples), 0.0);
-        let found = |path: &cogmint_core::perceptor::channel_estimator::Path| Found {
-            delay_s: f64::from(path.delay_s),
-            sinr: f64::from(path.sinr),
-        };
-        estimate.paths.iter().map(found).collect()
+        find(Samples::Complex(samples), false_paths)
     }
+}
+
+/// The core's estimator in its magnitude-only mode.
+pub struct CoreMagnitude;
+
+impl PathFinder for CoreMagnitude {
+    fn name(&self) -> &'static str {
+        "cogmint, magnitudes only"
+    }
+
+    fn find(&self, samples: &[[f32; 2]], false_paths: f64) -> Vec<Found> {
+        let magnitudes: Vec<f32> = samples.iter().map(|[re, im]| re.hypot(*im)).collect();
+        find(Samples::Magnitude(&magnitudes), false_paths)
+    }
+}
+
+fn find(samples: Samples<'_>, false_paths: f64) -> Vec<Found> {
+    let pulse = Pulse::root_raised_cosine(DURATION_S as f32, ROLL_OFF as f32);
+    let estimator = ChannelEstimator::<PATHS>::new(pulse, SPACING_S as f32, SAMPLES, false_paths as f32);
+    let estimate = estimator.estimate(samples, 0.0).expect("the responses are finite and not silent");
+    let found = |path: &cogmint_core::perceptor::channel_estimator::Path| Found {
+        delay_s: f64::from(path.delay_s),
+        sinr: f64::from(path.sinr),
+    };
+    estimate.paths.iter().map(found).collect()
 }
 
 /// The quality of a method.
@@ -77,8 +95,16 @@ pub struct Quality {
     pub resolved_0_7_tp: f64,
     /// The same, 1.0 T_p apart.
     pub resolved_1_0_tp: f64,
+    /// The same, 1.5 T_p apart.
+    pub resolved_1_5_tp: f64,
+    /// The same, 2 T_p apart.
+    pub resolved_2_0_tp: f64,
+    /// The same, 3 T_p apart.
+    pub resolved_3_0_tp: f64,
     /// False paths per response of dense multipath and noise where 0.01 were asked for.
     pub false_paths_at_0_01: f64,
+    /// The same where 0.1 was asked for.
+    pub false_paths_at_0_1: f64,
     /// The same where 1 was asked for.
     pub false_paths_at_1: f64,
     /// Share of the seven paths' fifth (12.6 dB) that was detected, at the 0.01 rate.
@@ -139,10 +165,16 @@ fn bound_s(sinr: f64) -> f64 {
 
 /// Measures a method.
 pub fn measure(method: &dyn PathFinder, trials: usize, seed: u64) -> Quality {
-    let [resolved_0_5_tp, resolved_0_7_tp, resolved_1_0_tp] =
-        [0.5, 0.7, 1.0].map(|apart| resolved(method, trials, seed, apart));
-    let [false_paths_at_0_01, false_paths_at_1] =
-        [0.01, 1.0].map(|rate| false_paths(method, trials, seed, rate));
+    let [
+        resolved_0_5_tp,
+        resolved_0_7_tp,
+        resolved_1_0_tp,
+        resolved_1_5_tp,
+        resolved_2_0_tp,
+        resolved_3_0_tp,
+    ] = [0.5, 0.7, 1.0, 1.5, 2.0, 3.0].map(|apart| resolved(method, trials, seed, apart));
+    let [false_paths_at_0_01, false_paths_at_0_1, false_paths_at_1] =
+        [0.01, 0.1, 1.0].map(|rate| false_paths(method, trials, seed, rate));
     let (detected, seven_false_paths, frames_per_second) = seven(method, trials, seed);
     Quality {
         method: method.name().into(),
@@ -151,7 +183,11 @@ pub fn measure(method: &dyn PathFinder, trials: usize, seed: u64) -> Quality {
         resolved_0_5_tp,
         resolved_0_7_tp,
         resolved_1_0_tp,
+        resolved_1_5_tp,
+        resolved_2_0_tp,
+        resolved_3_0_tp,
         false_paths_at_0_01,
+        false_paths_at_0_1,
         false_paths_at_1,
         detected_12_6_db: detected[4],
         detected_8_2_db: detected[6],

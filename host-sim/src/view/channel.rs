@@ -6,6 +6,7 @@ use crate::recording::{ARRAYS_FILE, Cycle, Frame, Recording, Samples};
 use crate::replay::{PATHS, pulse_shape};
 use cogmint_core::Config;
 use cogmint_core::observation;
+use cogmint_core::observation::SampleFault;
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
 use cogmint_core::pulse::Pulse;
 use std::path::Path;
@@ -34,12 +35,17 @@ pub fn picture(
             .allowed(format!("0 to {}", recording.anchors.len() - 1)));
     }
     let wanted = |frame: &&Frame| anchor.is_none_or(|anchor| frame.anchor == anchor);
-    let panels: Vec<_> = received
-        .frames
-        .iter()
-        .filter(wanted)
-        .map(|frame| vec![panel(recording, received, cycle, frame).into()])
-        .collect();
+    let mut panels = Vec::new();
+    for frame in received.frames.iter().filter(wanted) {
+        let panel = panel(recording, received, cycle, frame).map_err(|fault| {
+            let name = &recording.anchors[frame.anchor].name;
+            InputError::new(
+                folder.join(ARRAYS_FILE),
+                format!("holds no frame to estimate from in cycle {cycle}, {name}: {fault}"),
+            )
+        })?;
+        panels.push(vec![panel.into()]);
+    }
     if panels.is_empty() {
         return Err(InputError::new(
             folder.join(ARRAYS_FILE),
@@ -50,7 +56,12 @@ pub fn picture(
     Ok(Picture { rows: panels })
 }
 
-fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -> ChannelFigure {
+fn panel(
+    recording: &Recording,
+    received: &Cycle,
+    cycle: usize,
+    frame: &Frame,
+) -> Result<ChannelFigure, SampleFault> {
     let spacing_s = recording.radio.sample_spacing_s.unwrap_or(recording.radio.pulse_duration_s);
     let action = &recording.actions[frame.action];
     let first_s = frame.first_sample_delay_s;
@@ -67,7 +78,7 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
     let pulse = Pulse { duration_s: action.pulse_duration_s as f32, shape: pulse_shape(&recording.radio) };
     let false_paths = Config::default().radio.false_paths_per_frame;
     let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s as f32, count, false_paths);
-    let estimate = estimator.estimate(samples, first_s as f32);
+    let estimate = estimator.estimate(samples, first_s as f32)?;
     let estimated = estimate.paths.iter().map(|path| {
         let [re, im] = path.amplitude.map(f64::from);
         ChannelPath { delay_s: f64::from(path.delay_s), magnitude: re.hypot(im), label: String::new() }
@@ -90,7 +101,7 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
         Some(_) => (0..count).filter(|&n| (from_s..to_s).contains(&delay_s(n))).collect(),
         None => (0..count).collect(),
     };
-    ChannelFigure {
+    Ok(ChannelFigure {
         title: format!(
             "{}, cycle {cycle}, anchor {}, {:.3} GHz",
             recording.name,
@@ -104,5 +115,5 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
         estimated_paths: estimated,
         unit: "sample units".into(),
         db: true,
-    }
+    })
 }

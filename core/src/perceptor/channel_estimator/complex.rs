@@ -99,6 +99,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             }
         }
         fit.take_paths(first_sample_delay_s, &mut estimate.paths);
+        estimate.dense = self.dense_multipath(&estimate.noise, first_sample_delay_s);
         estimate
     }
 }
@@ -402,7 +403,9 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// s = S / (1 - g S) = 1 / Sigma_kk - 1 / g and q = Q / (1 - g S) = mu_k / Sigma_kk.
     fn reestimate(&mut self) {
         for (k, component) in self.components.iter_mut().enumerate() {
-            let sigma = larger(self.posterior.at(k, k), 1e-9);
+            // Never less than alone: where rounding says so, the Gram matrix was near singular.
+            let alone = 1.0 + 1.0 / component.prior;
+            let sigma = larger(self.posterior.at(k, k), 1.0 / alone);
             let s = larger(1.0 / sigma - 1.0 / component.prior, SMALLEST_S);
             let q2 = power(&component.amplitude) / (component.level * (sigma * sigma));
             component.gain = q2 / s;

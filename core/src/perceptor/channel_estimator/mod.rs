@@ -2,9 +2,10 @@
 //!
 //! The frame is the matched filter's output, y(t) = sum_k alpha_k R(t - tau_k) + noise, whose noise has the
 //! level lambda(t) = N0 + dense multipath. Complex frames go through sparse Bayesian learning (`complex.rs`);
-//! frames without phase through a peak model of their own (`magnitude.rs`). Both keep a path only where its
+//! frames without phase through a fit of single pulses (`magnitude.rs`). Both keep a path only where its
 //! normalised energy exceeds kappa, which follows from the false-path rate asked for:
-//! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope.
+//! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope. The envelope is
+//! what magnitudes show, so the rate holds for either mode.
 //!
 //! Fixed memory: no copy of the frame is made; the residual is recomputed from the paths where it is needed.
 
@@ -15,9 +16,9 @@ mod interpolation;
 mod magnitude;
 mod noise;
 
-use crate::observation::{Complex, Samples};
+use crate::observation::{Complex, SampleFault, Samples};
 use crate::pulse::{Pulse, PulseTable};
-use crate::real::{SPEED_OF_LIGHT_M_S, larger, ln, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
 
@@ -32,7 +33,8 @@ pub struct Path {
     /// Amplitude at the matched filter's output, in the unit of the samples; the imaginary part is zero in
     /// magnitude mode.
     pub amplitude: Complex,
-    /// Component SINR: energy over the local level of noise and dense multipath (linear).
+    /// Component SINR: energy over the local level of noise and dense multipath (linear); in magnitude mode over that
+    /// of neighbours of unknown phase as well. 1e-3 to 1e12.
     pub sinr: f32,
     /// Variance of the delay, square seconds: the single-path bound at this SINR.
     pub delay_variance_s2: f32,
@@ -70,11 +72,13 @@ pub struct ChannelEstimator<const PATHS: usize> {
     table: PulseTable,
     interpolation: Interpolation,
     sample_spacing_s: f32,
-    /// kappa beside a level that is known: magnitudes.
-    known_threshold: f32,
-    /// kappa beside a level that was fitted to dense multipath: complex frames.
+    /// kappa beside a level that was fitted to dense multipath.
     threshold: f32,
 }
+
+/// SINRs reported: the level is never taken as less than -120 dB of the strongest sample, so more means nothing.
+const LEAST_SINR: f32 = 1e-3;
+const MOST_SINR: f32 = 1e12;
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
     /// An estimator for frames of `samples` samples, `sample_spacing_s` seconds apart, that reports
@@ -87,28 +91,39 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             table: PulseTable::new(&pulse, sample_spacing_s),
             interpolation: Interpolation::new(),
             sample_spacing_s,
-            known_threshold,
             threshold: fitted_threshold(&pulse, known_threshold),
         }
     }
 
-    /// Threshold kappa on a path's normalised energy in complex frames.
+    /// Threshold kappa on a path's normalised energy.
     pub fn threshold(&self) -> f32 {
         self.threshold
     }
 
-    /// Estimates the paths of a frame whose first sample stands for a delay of `first_sample_delay_s`.
+    /// Estimates the paths of a frame whose first sample stands for a delay of `first_sample_delay_s`; none where
+    /// nothing stands out of the noise.
     ///
-    /// Never fails: a frame without a path gives none. The samples must be finite.
-    pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: f32) -> ChannelEstimate<PATHS> {
-        let mut estimate = match samples {
+    /// # Errors
+    /// What is wrong with the samples.
+    pub fn estimate(
+        &self,
+        samples: Samples<'_>,
+        first_sample_delay_s: f32,
+    ) -> Result<ChannelEstimate<PATHS>, SampleFault> {
+        samples.check()?;
+        Ok(self.estimate_checked(samples, first_sample_delay_s))
+    }
+
+    /// [`Self::estimate`] of samples that passed [`Samples::check`].
+    pub(crate) fn estimate_checked(
+        &self,
+        samples: Samples<'_>,
+        first_sample_delay_s: f32,
+    ) -> ChannelEstimate<PATHS> {
+        match samples {
             Samples::Complex(samples) => self.estimate_complex(samples, first_sample_delay_s),
             Samples::Magnitude(samples) => self.estimate_magnitude(samples, first_sample_delay_s),
-        };
-        let effective_s = self.pulse.effective_duration_s();
-        estimate.dense =
-            estimate.noise.dense_multipath(first_sample_delay_s, self.sample_spacing_s, effective_s);
-        estimate
+        }
     }
 
     /// The beginning of an estimate: its noise.
@@ -116,8 +131,15 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         ChannelEstimate { paths: Vec::new(), noise, dense: DenseMultipath::default() }
     }
 
+    /// The dense multipath as a whole of a frame's noise.
+    fn dense_multipath(&self, noise: &NoiseLevel, first_sample_delay_s: f32) -> DenseMultipath {
+        let effective_s = self.pulse.effective_duration_s();
+        noise.dense_multipath(first_sample_delay_s, self.sample_spacing_s, effective_s)
+    }
+
     /// A path at `position` samples into the frame.
     fn path(&self, position: f32, first_sample_delay_s: f32, amplitude: Complex, sinr: f32) -> Path {
+        let sinr = limited(sinr, LEAST_SINR, MOST_SINR);
         let variance_m2 = self.pulse.range_variance_m2(sinr);
         Path {
             delay_s: first_sample_delay_s + position * self.sample_spacing_s,

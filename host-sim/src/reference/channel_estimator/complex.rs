@@ -339,8 +339,10 @@ impl<T: Real> Fit<'_, T> {
     fn reestimate(&mut self) {
         let num = T::of;
         for k in 0..self.components.len() {
-            let sigma = larger(self.posterior[k][k], num(1e-9));
             let component = &mut self.components[k];
+            // A covariance is at least that of the component alone.
+            let alone = T::ONE + T::ONE / component.prior;
+            let sigma = larger(self.posterior[k][k], T::ONE / alone);
             let s = larger(T::ONE / sigma - T::ONE / component.prior, num(SMALLEST_S));
             let q2 = power(component.amplitude) / (component.level * square(sigma));
             component.gain = q2 / s;

@@ -1,62 +1,286 @@
-//! Paths of a frame without phase: its peaks, strongest first.
+//! Paths of a frame without phase: single pulses fitted to its maxima, the strongest first.
 //!
-//! A sample is a peak if it is not below its neighbours, its energy exceeds kappa times the noise level, and it stands
-//! clear of the stronger peaks: more than a pulse duration away, and not in their side lobes.
+//! With the path's phase taken out, y = a R(t - tau) + noise in its real part, and E[y | m] = m A(2 m a R / lambda) for
+//! a magnitude m. Three samples half a pulse apart are fitted by generalised least squares, alternating with this
+//! expectation. What counts as noise: lambda, and the energy of the other paths, whose phases are unknown.
+//!
+//! A path stays where its amplitude less all that the others could add, a - sum a_j |R|, has an energy above
+//! kappa lambda.
 
-use super::noise::{NoiseLevel, white_level};
-use super::{ChannelEstimator, Path, parabola_vertex};
-use crate::reference::real::{Real, abs, larger, sqrt, square};
+use super::noise::{NoiseLevel, level_floor, white_level};
+use super::{ChannelEstimator, Path};
+use crate::reference::pulse::PulseTable;
+use crate::reference::real::{Real, abs, larger, limited, sqrt, square};
 
-/// Energy below which, as a share of a stronger peak's, a peak within its pulse is a side lobe.
-const SIDE_LOBE: f32 = 0.02;
+const FIRST_UPDATES: usize = 8;
+const UPDATES: usize = 2;
+/// Rounds beyond the most paths.
+const SPARE_ROUNDS: usize = 4;
+const PASSES: usize = 6;
+/// Share of a path's energy midway between two samples that the larger one keeps in noise.
+const KEPT_BETWEEN: f32 = 0.8;
+/// Path energy over the level from which on a sample says nothing of the level.
+const EXPLAINED: f32 = 0.5;
+/// Half the interval for the slope of R, pulse durations.
+const SLOPE_PULSES: f32 = 0.0625;
+/// Added to the variances of the three samples.
+const RIDGE: f32 = 1e-3;
+
+#[derive(Clone, Copy, Debug)]
+struct Peak<T> {
+    sample: usize,
+    /// Samples into the frame.
+    position: T,
+    amplitude: T,
+    level: T,
+    /// Unexplained energy over the level.
+    gain: T,
+}
 
 pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[T],
     first_sample_delay_s: T,
 ) -> (Vec<Path<T>>, NoiseLevel<T>) {
-    let energies: Vec<T> = samples.iter().map(|sample| square(*sample)).collect();
-    let white = white_level(&energies);
-    let floor = estimator.threshold * white;
-    // Position and energy.
-    let mut peaks: Vec<(T, T)> = Vec::new();
-    while peaks.len() < estimator.most_paths {
-        let mut best: Option<(T, T)> = None;
-        for n in 1..samples.len() - 1 {
-            let (before, here, after) = (samples[n - 1], samples[n], samples[n + 1]);
-            if energies[n] <= floor || here < before || here <= after {
-                continue;
+    let num = T::of;
+    let powers: Vec<T> = samples.iter().map(|sample| square(*sample)).collect();
+    let mut strongest = T::ZERO;
+    for power in &powers {
+        strongest = larger(strongest, *power);
+    }
+    let floor = level_floor(strongest);
+    let mut noise = NoiseLevel::everywhere(white_level(&powers), samples.len(), estimator.sample_spacing_s);
+    let mut peaks: Vec<Peak<T>> = Vec::new();
+    for _ in 0..FIRST_UPDATES {
+        noise.update(&beside(estimator, &powers, &peaks), floor);
+    }
+    for round in 0..estimator.most_paths + SPARE_ROUNDS {
+        if round > 0 {
+            for _ in 0..UPDATES {
+                noise.update(&beside(estimator, &powers, &peaks), floor);
             }
-            // Order: the first of equals.
-            if best.is_some_and(|(_, strongest)| energies[n] <= strongest) {
-                continue;
-            }
-            let position = T::of_count(n) + parabola_vertex(before, here, after);
-            if !is_shadowed(estimator, position, energies[n], &peaks) {
-                best = Some((position, energies[n]));
-            }
+            refit(estimator, samples, &noise, &mut peaks);
         }
-        let Some(peak) = best else { break };
+        let Some(peak) = strongest_peak(estimator, samples, &noise, &peaks) else { break };
+        if peaks.len() == estimator.most_paths {
+            break;
+        }
         peaks.push(peak);
     }
-    let mut paths = Vec::new();
-    for (position, energy) in peaks {
-        let sinr = larger(energy / white - T::ONE, T::of(1e-3));
-        paths.push(estimator.path(position, first_sample_delay_s, [sqrt(energy), T::ZERO], sinr));
-    }
-    (paths, NoiseLevel::white(white))
+    let paths = (0..peaks.len()).map(|k| {
+        let peak = peaks[k];
+        let level = peak.level + overlap(estimator, &peaks, k);
+        let sinr = square(peak.amplitude) / level - num(0.5);
+        estimator.path(peak.position, first_sample_delay_s, [peak.amplitude, T::ZERO], sinr)
+    });
+    (paths.collect(), noise)
 }
 
-/// Whether a stronger peak explains one.
-fn is_shadowed<T: Real>(estimator: &ChannelEstimator<T>, position: T, energy: T, peaks: &[(T, T)]) -> bool {
-    for &(at, stronger) in peaks {
-        let distance = abs(position - at);
-        let side_lobe = energy < T::of(SIDE_LOBE) * stronger;
-        if distance < estimator.table.samples_per_pulse()
-            || (distance < estimator.table.support_samples() && side_lobe)
-        {
-            return true;
+/// The powers that tell the level: those in which no path has much energy.
+fn beside<T: Real>(estimator: &ChannelEstimator<T>, powers: &[T], peaks: &[Peak<T>]) -> Vec<Option<T>> {
+    let mut kept = Vec::new();
+    for n in 0..powers.len() {
+        let mut explained = false;
+        for peak in peaks {
+            let share = peak.amplitude * estimator.table.at(T::of_count(n) - peak.position);
+            explained |= square(share) > T::of(EXPLAINED) * peak.level;
+        }
+        kept.push(if explained { None } else { Some(powers[n]) });
+    }
+    kept
+}
+
+fn strongest_peak<T: Real>(
+    estimator: &ChannelEstimator<T>,
+    samples: &[T],
+    noise: &NoiseLevel<T>,
+    peaks: &[Peak<T>],
+) -> Option<Peak<T>> {
+    let num = T::of;
+    let kappa = estimator.fitted_threshold;
+    let floor = num(KEPT_BETWEEN) * square(estimator.table.at(num(0.5))) * kappa;
+    let mut best: Option<Peak<T>> = None;
+    for n in 1..samples.len() - 1 {
+        let at = T::of_count(n);
+        let is_maximum = !(samples[n] < samples[n - 1] || samples[n] <= samples[n + 1]);
+        let near = |peak: &Peak<T>| abs(at - peak.position) < estimator.table.samples_per_pulse();
+        if !is_maximum || peaks.iter().any(near) {
+            continue;
+        }
+        let energy = square(unexplained(estimator, peaks, None, at, samples[n]));
+        if energy <= floor * noise.white || energy <= floor * noise.at(at, estimator.sample_spacing_s) {
+            continue;
+        }
+        let Some(peak) = fit(estimator, samples, noise, peaks, None, n) else { continue };
+        // Order: the first of equals.
+        if peak.gain > kappa && best.is_none_or(|best| peak.gain > best.gain) {
+            best = Some(peak);
         }
     }
-    false
+    best
+}
+
+/// A magnitude less what all peaks but one may have added.
+fn unexplained<T: Real>(
+    estimator: &ChannelEstimator<T>,
+    peaks: &[Peak<T>],
+    own: Option<usize>,
+    position: T,
+    magnitude: T,
+) -> T {
+    let mut left = magnitude;
+    for k in 0..peaks.len() {
+        if own != Some(k) {
+            left -= peaks[k].amplitude * abs(estimator.table.at(position - peaks[k].position));
+        }
+    }
+    larger(left, T::ZERO)
+}
+
+/// Every peak anew; without the weakest that fell to kappa.
+fn refit<T: Real>(
+    estimator: &ChannelEstimator<T>,
+    samples: &[T],
+    noise: &NoiseLevel<T>,
+    peaks: &mut Vec<Peak<T>>,
+) {
+    for k in 0..peaks.len() {
+        if let Some(peak) = fit(estimator, samples, noise, peaks, Some(k), peaks[k].sample) {
+            peaks[k] = peak;
+        }
+    }
+    let mut weakest: Option<usize> = None;
+    for k in 0..peaks.len() {
+        let below = peaks[k].gain <= estimator.fitted_threshold;
+        if below && weakest.is_none_or(|weakest| peaks[k].gain < peaks[weakest].gain) {
+            weakest = Some(k);
+        }
+    }
+    if let Some(weakest) = weakest {
+        peaks.remove(weakest);
+    }
+}
+
+/// The pulse around a maximum; none where the frame cuts it off.
+fn fit<T: Real>(
+    estimator: &ChannelEstimator<T>,
+    samples: &[T],
+    noise: &NoiseLevel<T>,
+    peaks: &[Peak<T>],
+    own: Option<usize>,
+    n: usize,
+) -> Option<Peak<T>> {
+    let num = T::of;
+    let table = &estimator.table;
+    let triple = Triple::new(table);
+    let stride = triple.stride;
+    if n < stride || n + stride >= samples.len() {
+        return None;
+    }
+    let level = noise.at(T::of_count(n), estimator.sample_spacing_s);
+    let places = [n - stride, n, n + stride];
+    let magnitudes = places.map(|place| samples[place]);
+    let levels = places.map(|place| {
+        let mut sum = level;
+        for k in 0..peaks.len() {
+            if own != Some(k) {
+                sum += square(peaks[k].amplitude * table.at(T::of_count(place) - peaks[k].position));
+            }
+        }
+        sum
+    });
+    let reach = T::of_count(stride);
+    let mut amplitude = magnitudes[1];
+    let mut shift = T::ZERO;
+    for _ in 0..PASSES {
+        let lags = [-reach - shift, -shift, reach - shift];
+        let shape = lags.map(|lag| table.at(lag));
+        // dR/dtau = -R'.
+        let slope = lags.map(|lag| -slope(table, lag));
+        let mut misfit = [T::ZERO; 3];
+        for i in 0..3 {
+            // Order: (m / lambda) (a R), twice.
+            let concentration = num(2.0) * (magnitudes[i] / levels[i]) * (amplitude * shape[i]);
+            misfit[i] = magnitudes[i] * mean_cosine(concentration) / amplitude - shape[i];
+        }
+        let [ss, sd, dd] =
+            [triple.inner(&shape, &shape), triple.inner(&shape, &slope), triple.inner(&slope, &slope)];
+        let [sm, dm] = [triple.inner(&shape, &misfit), triple.inner(&slope, &misfit)];
+        let determinant = ss * dd - square(sd);
+        if !(determinant > num(1e-6) * (ss * dd)) {
+            break;
+        }
+        let growth = (dd * sm - sd * dm) / determinant;
+        let step = (ss * dm - sd * sm) / determinant;
+        amplitude *= T::ONE + limited(growth, num(-0.5), T::ONE);
+        shift += limited(step, num(-0.5) * reach, num(0.5) * reach);
+        shift = limited(shift, num(-0.75) * reach, num(0.75) * reach);
+    }
+    let position = T::of_count(n) + shift;
+    let left = unexplained(estimator, peaks, own, position, amplitude);
+    let gain = square(left) / level + num(0.5);
+    Some(Peak { sample: n, position, amplitude, level, gain })
+}
+
+/// R' at a lag, per sample.
+fn slope<T: Real>(table: &PulseTable<T>, lag: T) -> T {
+    let h = T::of(SLOPE_PULSES) * table.samples_per_pulse();
+    (table.at(lag + h) - table.at(lag - h)) / (T::of(2.0) * h)
+}
+
+/// Level at which noise would move a peak's delay as far as the others' overlap does: sum a_j^2 R'^2 / -R''(0).
+fn overlap<T: Real>(estimator: &ChannelEstimator<T>, peaks: &[Peak<T>], own: usize) -> T {
+    let table = &estimator.table;
+    let h = T::of(SLOPE_PULSES) * table.samples_per_pulse();
+    let curvature = T::of(2.0) * (T::ONE - table.at(h)) / square(h);
+    let mut sum = T::ZERO;
+    for k in 0..peaks.len() {
+        if k != own {
+            let slope = slope(table, peaks[own].position - peaks[k].position);
+            sum += square(peaks[k].amplitude) * (square(slope) / curvature);
+        }
+    }
+    sum
+}
+
+/// Noise of three samples, split in (m_+ - m_-) / 2, m_0 and (m_+ + m_-) / 2: the inverse covariance of each part.
+struct Triple<T> {
+    stride: usize,
+    odd: T,
+    /// Of m_0 and the half sum: diagonal, off it, diagonal.
+    rest: [T; 3],
+}
+
+impl<T: Real> Triple<T> {
+    fn new(table: &PulseTable<T>) -> Self {
+        let num = T::of;
+        let stride = ((num(0.5) * table.samples_per_pulse() + num(0.5)).whole() as usize).max(1);
+        let near = table.at(T::of_count(stride));
+        let far = table.at(num(2.0) * T::of_count(stride));
+        let odd = num(0.5) * (T::ONE - far) + num(RIDGE);
+        let even = num(0.5) * (T::ONE + far) + num(RIDGE);
+        let middle = T::ONE + num(RIDGE);
+        let determinant = larger(middle * even - square(near), num(RIDGE));
+        Self {
+            stride,
+            odd: T::ONE / odd,
+            rest: [even / determinant, -near / determinant, middle / determinant],
+        }
+    }
+
+    fn inner(&self, u: &[T; 3], v: &[T; 3]) -> T {
+        let half = T::of(0.5);
+        let split = |x: &[T; 3]| [half * (x[2] - x[0]), x[1], half * (x[2] + x[0])];
+        let ([u_odd, u_here, u_even], [v_odd, v_here, v_even]) = (split(u), split(v));
+        // Order: odd, middle, mixed, even.
+        self.odd * (u_odd * v_odd)
+            + self.rest[0] * (u_here * v_here)
+            + self.rest[1] * (u_here * v_even + u_even * v_here)
+            + self.rest[2] * (u_even * v_even)
+    }
+}
+
+/// I_1 / I_0 by Amos's bound.
+fn mean_cosine<T: Real>(x: T) -> T {
+    x / (T::of(0.5) + sqrt(square(x) + T::of(2.25)))
 }

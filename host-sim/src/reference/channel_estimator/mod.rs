@@ -1,7 +1,7 @@
 //! Channel estimator: a frame's paths.
 //!
 //! Behind the matched filter, y(t) = sum over k of alpha_k R(t - tau_k) + noise of level lambda(t). Complex frames go
-//! through sparse Bayesian learning (`complex`), magnitudes through a search for peaks (`magnitude`). Both keep
+//! through sparse Bayesian learning (`complex`), magnitudes through a fit of single pulses (`magnitude`). Both keep
 //! what exceeds kappa, set by the rate of false paths mu: kappa = ln((2 B sqrt(pi kappa) + 1) / mu), with B the product
 //! of rms bandwidth and window.
 
@@ -12,7 +12,7 @@ mod magnitude;
 mod noise;
 
 use super::pulse::{Pulse, PulseTable};
-use super::real::{Real, larger, ln, pi, speed_of_light, sqrt, square};
+use super::real::{Real, larger, limited, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::observation::Samples;
 use interpolation::Interpolation;
 
@@ -49,13 +49,15 @@ pub struct ChannelEstimator<T> {
     table: PulseTable<T>,
     interpolation: Interpolation<T>,
     sample_spacing_s: T,
-    /// kappa beside a known level,
-    threshold: T,
-    /// and beside one fitted to n samples: kappa / (1 + 1.7 / n), n those of 30 ns.
+    /// kappa beside a level fitted to n samples: kappa / (1 + 1.7 / n), n those of 30 ns.
     fitted_threshold: T,
     /// Most paths reported.
     most_paths: usize,
 }
+
+/// SINRs reported.
+const LEAST_SINR: f32 = 1e-3;
+const MOST_SINR: f32 = 1e12;
 
 impl<T: Real> ChannelEstimator<T> {
     /// An estimator for frames of `samples` samples that finds `false_paths` paths per frame of noise.
@@ -81,7 +83,6 @@ impl<T: Real> ChannelEstimator<T> {
             pulse,
             interpolation: Interpolation::new(),
             sample_spacing_s,
-            threshold,
             fitted_threshold,
             most_paths,
         }
@@ -109,6 +110,7 @@ impl<T: Real> ChannelEstimator<T> {
 
     /// A path `position` samples into the frame.
     fn path(&self, position: T, first_sample_delay_s: T, amplitude: [T; 2], sinr: T) -> Path<T> {
+        let sinr = limited(sinr, T::of(LEAST_SINR), T::of(MOST_SINR));
         Path {
             delay_s: first_sample_delay_s + position * self.sample_spacing_s,
             amplitude,
