@@ -1,6 +1,6 @@
 //! ESPRIT (Roy and Kailath 1989) on the frame's line spectrum: the covariance of overlapping, forward and backward
-//! pieces of it, its order by minimum description length (Wax and Kailath 1985), and the rotation from one piece to
-//! the next.
+//! pieces of it, and the rotation from one piece to the next. As many lines are taken as paths may be reported, and the
+//! threshold chooses: an order by minimum description length resolves less and detects less on these responses.
 
 use super::super::estimator::{Found, PATHS, PathFinder};
 use super::frame::{Frame, Radio};
@@ -44,13 +44,11 @@ fn delays(lines: &[Complex64], step_hz: f64) -> Vec<f64> {
     let eigen = covariance(lines, length).symmetric_eigen();
     let mut order: Vec<usize> = (0..length).collect();
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    let powers: Vec<f64> = order.iter().map(|&n| eigen.eigenvalues[n]).collect();
-    if !(powers[0] > 0.0) {
+    if !(eigen.eigenvalues.max() > 0.0) {
         return Vec::new();
     }
-    let count = described_by(&powers, lines.len() - length + 1);
     let columns: Vec<DVector<Complex64>> =
-        order.iter().take(count).map(|&n| eigen.eigenvectors.column(n).into_owned()).collect();
+        order.iter().take(PATHS).map(|&n| eigen.eigenvectors.column(n).into_owned()).collect();
     let basis = DMatrix::from_columns(&columns);
     let (upper, lower) = (basis.rows(0, length - 1), basis.rows(1, length - 1));
     let Some(rotation) = (upper.adjoint() * upper).lu().solve(&(upper.adjoint() * lower)) else {
@@ -77,22 +75,6 @@ fn covariance(lines: &[Complex64], length: usize) -> DMatrix<Complex64> {
     DMatrix::from_fn(length, length, |row, column| {
         (forward[(row, column)] + forward[(length - 1 - row, length - 1 - column)].conj()) * scale
     })
-}
-
-/// Number of lines by minimum description length, 1 to [`PATHS`].
-fn described_by(powers: &[f64], pieces: usize) -> usize {
-    let length = powers.len();
-    let floor = powers[0] * 1e-12;
-    let description = |count: usize| {
-        let noise = &powers[count..];
-        let of = noise.len() as f64;
-        let arithmetic = noise.iter().map(|power| power.max(floor)).sum::<f64>() / of;
-        let geometric = noise.iter().map(|power| power.max(floor).ln()).sum::<f64>() / of;
-        let free = (count * (2 * length - count)) as f64;
-        pieces as f64 * of * (arithmetic.ln() - geometric) + 0.5 * free * (pieces as f64).ln()
-    };
-    let best = (1..=PATHS).min_by(|&a, &b| description(a).total_cmp(&description(b)));
-    best.unwrap_or(1)
 }
 
 #[cfg(test)]

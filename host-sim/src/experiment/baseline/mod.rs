@@ -139,7 +139,9 @@ mod tests {
                 method.find(&maker.draw(&mut rng, &[], None), 1.0).len()
             };
             let rate = (0..100).map(count).sum::<usize>() as f64 / 100.0;
-            assert!((0.4..2.0).contains(&rate), "{}: {rate}", method.name());
+            // ESPRIT proposes 16 delays wherever they fall, so that it may miss a maximum, but never makes more of them.
+            let least = if method.name().starts_with("esprit") { 0.1 } else { 0.5 };
+            assert!((least..2.0).contains(&rate), "{}: {rate}", method.name());
         }
     }
 }

@@ -4,7 +4,7 @@
 //! The program reads one JSON object per line and answers each with a JSON list of delays in seconds, before reading on:
 //! `{"step_hz": 1e7, "paths": 16, "lines": [[re, im], ...]}`. The lines are the frame's frequency samples over the
 //! pulse's, in increasing frequency, so that a path of delay tau turns by -2 pi step_hz tau from each to the next. Joint
-//! amplitudes and the threshold on what it finds are the same as for [`super::Esprit`].
+//! amplitudes and the threshold on what it finds, with the level around each path, are the same as for `esprit-local`.
 
 use super::super::estimator::{Found, PATHS, PathFinder};
 use super::frame::{Frame, Radio};
@@ -58,7 +58,7 @@ impl Program {
         let spectrum = LineSpectrum::new(Radio::of_the_experiment(), super::super::estimator::SAMPLES);
         let answers = BufReader::new(answers);
         let talk = Mutex::new(Talk { child, questions: Some(questions), answers, failure: None });
-        Ok(Self { path: path.to_owned(), spectrum, level: LevelModel::White, talk })
+        Ok(Self { path: path.to_owned(), spectrum, level: LevelModel::LocalMean, talk })
     }
 
     /// What went wrong since it was started: what was found from then on counts for nothing.
