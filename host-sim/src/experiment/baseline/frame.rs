@@ -117,7 +117,7 @@ impl<'a> Frame<'a> {
         let samples: Vec<Complex64> =
             samples.iter().map(|[re, im]| Complex64::new(f64::from(*re), f64::from(*im))).collect();
         let mut frame = Self { radio, samples, half: Vec::new() };
-        let at = |n: usize| if n % 2 == 0 { frame.samples[n / 2] } else { frame.at(0.5 * n as f64) };
+        let at = |n: usize| if n.is_multiple_of(2) { frame.samples[n / 2] } else { frame.at(0.5 * n as f64) };
         frame.half = (0..(2 * frame.samples.len()).saturating_sub(1)).map(at).collect();
         frame
     }

@@ -6,6 +6,7 @@
 use super::super::estimator::Found;
 use super::frame::{Component, Frame};
 use super::level::{LevelModel, level_at};
+use nalgebra::DMatrix;
 use rustfft::num_complex::Complex64;
 
 /// Paths whose part that no other explains is less than this share of their energy are the same path.
@@ -15,43 +16,22 @@ const LEAST_OWN_SHARE: f64 = 1e-3;
 /// apart.
 pub(super) fn solve(frame: &Frame, positions: &[f64]) -> Option<(Vec<Component>, Vec<f64>)> {
     let count = positions.len();
-    // L of G = L L^T.
-    let mut lower = vec![vec![0.0; count]; count];
-    for row in 0..count {
-        for column in 0..=row {
-            let mut value = frame.radio.pulse(positions[row] - positions[column]);
-            for k in 0..column {
-                value -= lower[row][k] * lower[column][k];
-            }
-            if row > column {
-                lower[row][column] = value / lower[column][column];
-            } else if value > LEAST_OWN_SHARE {
-                lower[row][row] = value.sqrt();
-            } else {
-                return None;
-            }
-        }
+    let gram =
+        DMatrix::from_fn(count, count, |row, column| frame.radio.pulse(positions[row] - positions[column]));
+    let factor = gram.cholesky()?;
+    // The squares on the factor's diagonal are what each path has beside those before it.
+    if factor.l_dirty().diagonal().iter().any(|own| own * own < LEAST_OWN_SHARE) {
+        return None;
     }
-    // L^-1, whose columns give both G^-1 y and the diagonal of G^-1.
-    let mut inverse = vec![vec![0.0; count]; count];
-    for column in 0..count {
-        for row in column..count {
-            let known: f64 = (column..row).map(|k| lower[row][k] * inverse[k][column]).sum();
-            let unit = if row == column { 1.0 } else { 0.0 };
-            inverse[row][column] = (unit - known) / lower[row][row];
-        }
-    }
+    let inverse = factor.inverse();
     let seen: Vec<Complex64> = positions.iter().map(|&position| frame.at(position)).collect();
-    let forward: Vec<Complex64> =
-        (0..count).map(|row| (0..=row).map(|k| seen[k] * inverse[row][k]).sum()).collect();
-    let mut components = Vec::with_capacity(count);
-    let mut energies = Vec::with_capacity(count);
-    for k in 0..count {
-        let amplitude: Complex64 = (k..count).map(|row| forward[row] * inverse[row][k]).sum();
-        let own: f64 = (k..count).map(|row| inverse[row][k] * inverse[row][k]).sum();
-        components.push(Component { position: positions[k], amplitude });
-        energies.push(amplitude.norm_sqr() / own);
-    }
+    let of = |(k, position): (usize, &f64)| {
+        let amplitude = inverse.column(k).iter().zip(&seen).map(|(share, value)| value * *share).sum();
+        Component { position: *position, amplitude }
+    };
+    let components: Vec<Component> = positions.iter().enumerate().map(of).collect();
+    let energy = |(k, one): (usize, &Component)| one.amplitude.norm_sqr() / inverse[(k, k)];
+    let energies = components.iter().enumerate().map(energy).collect();
     Some((components, energies))
 }
 
