@@ -177,3 +177,36 @@ fn an_import_never_overwrites_what_is_no_recording() {
     refused(&cogmint(folder.path(), &arguments), &["precious"]);
     assert_eq!(fs::read_to_string(precious.join("thesis.txt")).unwrap(), "years");
 }
+
+#[test]
+fn the_estimators_figures_stay_where_they_were_beside_those_of_other_methods() {
+    let folder = Folder::new("against");
+    let run = |more: &[&str]| {
+        let arguments = [&["experiment", "estimator", "--trials", "10", "--json"], more].concat();
+        json(&cogmint(folder.path(), &arguments))
+    };
+    let (alone, beside) = (run(&[]), run(&["--against", "omp,matched-filter-local"]));
+    assert!(alone.get("against").is_none());
+    for (key, value) in alone.as_object().unwrap() {
+        // A speed is never the same twice.
+        if key != "frames_per_second" {
+            assert_eq!(value, &beside[key], "{key}");
+        }
+    }
+    let methods: Vec<_> = beside["against"].as_array().unwrap().iter().map(|one| &one["method"]).collect();
+    assert_eq!(methods, ["matched-filter-local", "omp"]);
+    for key in alone.as_object().unwrap().keys() {
+        assert!(beside["against"][0].get(key).is_some(), "{key} is missing");
+    }
+}
+
+#[test]
+fn a_method_or_program_that_is_not_there_is_named_with_what_is_allowed() {
+    let folder = Folder::new("against-nothing");
+    let run = |more: &[&str]| cogmint(folder.path(), &[&["experiment", "estimator"], more].concat());
+    refused(&run(&["--against", "omp,guess"]), &["guess", "matched-filter", "all"]);
+    refused(
+        &run(&["--against-program", "no/such/program"]),
+        &["no/such/program", "--against-program", "cannot be started"],
+    );
+}

@@ -13,11 +13,11 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use serde::Serialize;
 
-const DURATION_S: f64 = 0.5e-9;
-const ROLL_OFF: f64 = 0.6;
-const SPACING_S: f64 = 0.25e-9;
-const SAMPLES: usize = 400;
-const PATHS: usize = 16;
+pub(super) const DURATION_S: f64 = 0.5e-9;
+pub(super) const ROLL_OFF: f64 = 0.6;
+pub(super) const SPACING_S: f64 = 0.25e-9;
+pub(super) const SAMPLES: usize = 400;
+pub(super) const PATHS: usize = 16;
 /// SINRs of isolated paths, decibels.
 const ISOLATED_DB: [f64; 6] = [12.0, 15.0, 18.0, 21.0, 25.0, 30.0];
 /// The seven paths: delay in ns and SINR in dB; dense multipath 10 dB below the first one's 35 dB over the noise.
@@ -37,7 +37,7 @@ pub struct Found {
 /// Anything that finds paths in a response: `false_paths` is the rate of false ones per response that it may have.
 pub trait PathFinder: Sync {
     /// Its name.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &str;
     /// The paths of a response.
     fn find(&self, samples: &[[f32; 2]], false_paths: f64) -> Vec<Found>;
 }
@@ -46,7 +46,7 @@ pub trait PathFinder: Sync {
 pub struct Core;
 
 impl PathFinder for Core {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         "cogmint"
     }
 
