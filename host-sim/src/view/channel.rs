@@ -14,7 +14,8 @@ use std::path::Path;
 const BEFORE_S: f64 = 30e-9;
 const BEHIND_S: f64 = 100e-9;
 
-/// The picture of a cycle: a panel per anchor with a frame, or for `anchor` alone. `folder` is where the recording is,
+/// The picture of a cycle at the tracker's own rate of false paths: a panel per anchor with a frame, or for `anchor`
+/// alone. `folder` is where the recording is,
 /// for messages.
 ///
 /// # Errors
@@ -24,6 +25,18 @@ pub fn picture(
     folder: &Path,
     cycle: usize,
     anchor: Option<usize>,
+) -> Result<Picture, InputError> {
+    let false_paths = Config::default().radio.false_paths_per_frame;
+    picture_at(recording, folder, cycle, anchor, false_paths)
+}
+
+/// The same at a given rate of false paths per frame.
+pub(super) fn picture_at(
+    recording: &Recording,
+    folder: &Path,
+    cycle: usize,
+    anchor: Option<usize>,
+    false_paths: f32,
 ) -> Result<Picture, InputError> {
     let Some(received) = recording.cycles.get(cycle) else {
         return Err(InputError::new(folder, format!("has no cycle {cycle}"))
@@ -38,7 +51,7 @@ pub fn picture(
         .frames
         .iter()
         .filter(wanted)
-        .map(|frame| vec![panel(recording, received, cycle, frame).into()])
+        .map(|frame| vec![panel(recording, received, cycle, frame, false_paths).into()])
         .collect();
     if panels.is_empty() {
         return Err(InputError::new(
@@ -50,7 +63,13 @@ pub fn picture(
     Ok(Picture { rows: panels })
 }
 
-fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -> ChannelFigure {
+fn panel(
+    recording: &Recording,
+    received: &Cycle,
+    cycle: usize,
+    frame: &Frame,
+    false_paths: f32,
+) -> ChannelFigure {
     let spacing_s = recording.radio.sample_spacing_s.unwrap_or(recording.radio.pulse_duration_s);
     let action = &recording.actions[frame.action];
     let first_s = frame.first_sample_delay_s;
@@ -66,7 +85,6 @@ fn panel(recording: &Recording, received: &Cycle, cycle: usize, frame: &Frame) -
     };
     let pulse =
         Pulse { duration_s: action.pulse_duration_s as f32, roll_off: recording.radio.roll_off as f32 };
-    let false_paths = Config::default().radio.false_paths_per_frame;
     let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s as f32, count, false_paths);
     let estimate = estimator.estimate(samples, first_s as f32);
     let estimated = estimate.paths.iter().map(|path| {
