@@ -4,6 +4,7 @@ use super::{OUTPUT_FOLDER, metres, print, print_json, progress, write_picture};
 use crate::Failure;
 use clap::builder::RangedU64ValueParser;
 use cogmint::estimate::link::{Link, links};
+use cogmint::estimate::spread::Spread;
 use cogmint::estimate::summary::{Share, Summary, summaries};
 use cogmint::estimate::{EstimatedFrame, count, estimate};
 use cogmint::input_error::InputError;
@@ -150,19 +151,22 @@ fn print_links(links: &[&Link]) {
          std   robust   error   noise dB    energy  alone",
     );
     for link in links {
-        let spread = |spread: Option<cogmint::estimate::spread::Spread>| match spread {
-            Some(spread) => format!("{:>10.3} {:>8.4} {:>8.4}", spread.median, spread.std, spread.robust_std),
-            None => format!("{:>10} {:>8} {:>8}", "-", "-", "-"),
+        // A moving tag's range spreads by its motion: then what counts is the error's spread.
+        let spread = |range: Option<Spread>, error: Option<Spread>| match (range, error.or(range)) {
+            (Some(range), Some(error)) => {
+                format!("{:>10.3} {:>8.4} {:>8.4}", range.median, error.std, error.robust_std)
+            }
+            _ => format!("{:>10} {:>8} {:>8}", "-", "-", "-"),
         };
         print(&format!(
             "{:<29} {:<7} {:>6} {:>7.2} {} {:>7} {} {:>7} {:>10} {:>9} {:>6}",
-            short(&format!("{}, {}", link.recording, link.name), 29),
+            name_of(link),
             direct_path(link.line_of_sight),
             link.frames,
             link.paths_per_frame,
-            spread(link.first_path_range_m),
+            spread(link.first_path_range_m, link.first_path_error_m),
             metres(link.first_path_error_m.map(|error| error.median)),
-            spread(link.radio_range_m),
+            spread(link.radio_range_m, link.radio_error_m),
             metres(link.radio_error_m.map(|error| error.median)),
             link.strongest_over_noise_db.map_or_else(|| "-".into(), |db| format!("{db:.1}")),
             percent(link.residual_share),
@@ -177,6 +181,13 @@ fn direct_path(line_of_sight: Option<bool>) -> &'static str {
         Some(false) => "blocked",
         None => "unknown",
     }
+}
+
+/// The name of a link in a column of 29: of a long recording's name, its beginning.
+fn name_of(link: &Link) -> String {
+    let anchor = short(&link.name, 12);
+    let recording = short(&link.recording, 27 - anchor.chars().count());
+    format!("{recording}, {anchor}")
 }
 
 fn short(text: &str, length: usize) -> String {
@@ -198,7 +209,7 @@ fn print_truth(links: &[&Link]) {
         let Some(truth) = &link.truth else { continue };
         print(&format!(
             "{:<29} {:>5} {:>7} {:>10} {:>12.3} {:>14} {:>24}",
-            short(&format!("{}, {}", link.recording, link.name), 29),
+            name_of(link),
             truth.paths,
             percent(truth.detected_share),
             percent(truth.detected_share_above_12_db),
@@ -223,7 +234,7 @@ fn print_registered(links: &[&Link]) {
         let part = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.4}"));
         print(&format!(
             "{:<29} {:>5} {:>7} {:>9.4} {:>8.4} {:>20} {:>8} {:>18.4}",
-            short(&format!("{}, {}", link.recording, link.name), 29),
+            name_of(link),
             registered.responses,
             registered.unlike,
             registered.first_path_m.std,
@@ -265,6 +276,11 @@ fn print_summary(summary: &Summary) {
         "registered first path spreads no more than the radio's index",
         &summary.first_path_spread_no_larger_than_radio,
     );
+    if let Some([mean, uncertainty]) = summary.range_index_correlation {
+        print(&format!(
+            "  correlation of the radio's range with its index's error {mean:.2}, uncertain by {uncertainty:.2}"
+        ));
+    }
     if let (Some(own), Some(radio)) = (summary.first_path_std_m, summary.radio_first_path_std_m) {
         print(&format!(
             "  median spread of the registered first path {own:.4} m, of the radio's index {radio:.4} m"
@@ -286,19 +302,22 @@ fn print_summary(summary: &Summary) {
 
 fn write_csv(to: &Path, estimated: &[Estimated]) -> std::io::Result<()> {
     let mut file = std::io::BufWriter::new(std::fs::File::create(to)?);
-    writeln!(file, "recording,cycle,anchor,first_path,delay_s,range_m,delay_std_s,real,imaginary,sinr_db")?;
+    writeln!(
+        file,
+        "recording,cycle,anchor,first_path_range_m,delay_s,range_m,delay_std_s,real,imaginary,sinr_db"
+    )?;
     for recording in estimated {
         // A name may hold anything on one line.
         let name = recording.name.replace('"', "\"\"");
         for frame in &recording.frames {
-            for (index, path) in frame.paths.iter().enumerate() {
+            let first_path = frame.first_path.map_or_else(String::new, |first| first.range_m.to_string());
+            for path in &frame.paths {
                 let [re, im] = path.amplitude;
                 writeln!(
                     file,
-                    "\"{name}\",{},{},{},{:e},{},{:e},{:e},{:e},{}",
+                    "\"{name}\",{},{},{first_path},{:e},{},{:e},{:e},{:e},{}",
                     frame.cycle,
                     frame.anchor,
-                    u8::from(frame.first_path == Some(index)),
                     path.delay_s,
                     path.range_m,
                     path.delay_std_s,

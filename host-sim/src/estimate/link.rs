@@ -65,9 +65,12 @@ pub struct RegisteredFirstPaths {
     pub first_path_m: Spread,
     /// The same for the radio's own first-path index.
     pub radio_first_path_m: Option<Spread>,
-    /// The registered point at the radio's own range and zero, metres: what a detector without any error would make of
-    /// this recording.
+    /// The registered point on the recording's axis of delay, metres: the range of a detector without any error, with
+    /// the zero that the radio's index gave each frame.
     pub ideal_range_m: Spread,
+    /// Correlation of the radio's own range with the error of its index, outliers apart: what it would be near -1 or 1
+    /// if the range were made of this very response, and zero if it was made of others.
+    pub range_index_correlation: Option<f64>,
 }
 
 /// Estimated against true paths.
@@ -98,7 +101,7 @@ pub fn links(recording: &Recording, frames: &[EstimatedFrame]) -> Vec<Link> {
 
 fn link(recording: &Recording, anchor: usize, name: &str, frames: &[&EstimatedFrame]) -> Link {
     let count = frames.len() as f64;
-    let first = |frame: &&EstimatedFrame| frame.first().map(|path| path.range_m);
+    let first = |frame: &&EstimatedFrame| frame.first_path.map(|path| path.range_m);
     let free: Option<Vec<bool>> = frames.iter().map(|frame| frame.line_of_sight).collect();
     let strongest_db = frames.iter().filter_map(|frame| {
         let strongest = frame.paths.iter().map(|path| path.power()).fold(0.0, f64::max);
@@ -115,7 +118,7 @@ fn link(recording: &Recording, anchor: usize, name: &str, frames: &[&EstimatedFr
         first_path_range_m: Spread::of(frames.iter().filter_map(first)),
         radio_range_m: Spread::of(frames.iter().filter_map(|frame| frame.radio_range_m)),
         first_path_error_m: Spread::of(
-            frames.iter().filter_map(|frame| Some(frame.first()?.range_m - frame.true_range_m?)),
+            frames.iter().filter_map(|frame| Some(frame.first_path?.range_m - frame.true_range_m?)),
         ),
         radio_error_m: Spread::of(
             frames.iter().filter_map(|frame| Some(frame.radio_range_m? - frame.true_range_m?)),
@@ -143,7 +146,7 @@ fn registered(
     for frame in frames {
         let raw = recording.cycles[frame.cycle].frames.iter().find(|raw| raw.anchor == anchor)?;
         let Samples::Complex(samples) = &raw.samples else { return None };
-        let seen_s = frame.radio_first_path_s.or_else(|| frame.first().map(|path| path.delay_s));
+        let seen_s = frame.radio_first_path_s.or_else(|| frame.first_path.map(|path| path.delay_s));
         if let Some(seen_s) = seen_s {
             responses.push((samples, (seen_s - raw.first_sample_delay_s) / spacing_s));
             received.push((*frame, raw.first_sample_delay_s));
@@ -161,7 +164,7 @@ fn registered(
         return None;
     }
     let metres = |seconds: f64| seconds * SPEED_OF_LIGHT_M_S;
-    let own = alike.iter().filter_map(|(frame, place_s)| Some(metres(frame.first()?.delay_s - place_s)));
+    let own = alike.iter().filter_map(|(frame, place_s)| Some(metres(frame.first_path?.delay_s - place_s)));
     let radio = alike.iter().filter_map(|(frame, place_s)| Some(metres(frame.radio_first_path_s? - place_s)));
     Some(RegisteredFirstPaths {
         responses: alike.len(),
@@ -169,7 +172,24 @@ fn registered(
         first_path_m: Spread::of(own)?,
         radio_first_path_m: Spread::of(radio),
         ideal_range_m: Spread::of(alike.iter().map(|(_, place_s)| metres(*place_s)))?,
+        range_index_correlation: correlation(alike.iter().filter_map(|(frame, place_s)| {
+            Some((frame.radio_range_m?, metres(frame.radio_first_path_s? - place_s)))
+        })),
     })
+}
+
+/// Correlation coefficient of pairs of which neither is further than three robust deviations from its median.
+fn correlation(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
+    let mut pairs: Vec<(f64, f64)> = pairs.collect();
+    let first = Spread::of(pairs.iter().map(|pair| pair.0))?;
+    let second = Spread::of(pairs.iter().map(|pair| pair.1))?;
+    let near = |value: f64, spread: &Spread| (value - spread.median).abs() <= 3.0 * spread.robust_std;
+    pairs.retain(|pair| near(pair.0, &first) && near(pair.1, &second));
+    let first = Spread::of(pairs.iter().map(|pair| pair.0))?;
+    let second = Spread::of(pairs.iter().map(|pair| pair.1))?;
+    let products = pairs.iter().map(|pair| (pair.0 - first.mean) * (pair.1 - second.mean));
+    let coefficient = products.sum::<f64>() / ((pairs.len() as f64 - 1.0) * first.std * second.std);
+    (pairs.len() >= FEWEST && coefficient.is_finite()).then_some(coefficient)
 }
 
 /// Whether the tag is known to have stayed at one place.

@@ -10,7 +10,9 @@ use crate::input_error::InputError;
 use crate::recording::{ARRAYS_FILE, Cycle, Frame, META_FILE, Recording, Samples};
 use crate::replay::PATHS;
 use cogmint_core::observation;
-use cogmint_core::perceptor::channel_estimator::{self, ChannelEstimate, ChannelEstimator};
+use cogmint_core::perceptor::channel_estimator::{
+    self, ChannelEstimate, ChannelEstimator, FirstPathDetector,
+};
 use cogmint_core::pulse::{Pulse, PulseTable};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -66,6 +68,21 @@ impl EstimatedPath {
     }
 }
 
+/// The first path of a frame, by its leading edge.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FirstPath {
+    /// Delay, seconds.
+    pub delay_s: f64,
+    /// Length, metres.
+    pub range_m: f64,
+    /// Standard deviation that the noise gives the delay, seconds.
+    pub delay_std_s: f64,
+    /// Magnitude at the response's first maximum, in the unit of the samples.
+    pub magnitude: f64,
+    /// Its energy over that of the noise ahead, decibels.
+    pub snr_db: f64,
+}
+
 /// What was found in one frame, and what is known of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EstimatedFrame {
@@ -87,17 +104,10 @@ pub struct EstimatedFrame {
     pub residual_share: Option<f64>,
     /// The share of the frame's energy that is white noise.
     pub noise_share: f64,
-    /// Index of the first path among `paths`.
-    pub first_path: Option<usize>,
+    /// Where the response begins.
+    pub first_path: Option<FirstPath>,
     /// The paths, by delay.
     pub paths: Vec<EstimatedPath>,
-}
-
-impl EstimatedFrame {
-    /// The first path.
-    pub fn first(&self) -> Option<&EstimatedPath> {
-        self.paths.get(self.first_path?)
-    }
 }
 
 /// Estimates the chosen frames of a recording, in order; `folder` is where it is, for messages. `progress` is called
@@ -197,6 +207,7 @@ fn checked_spacing_s(recording: &Recording, folder: &Path, samples: usize) -> Re
 /// The estimator of one pulse.
 struct Stage {
     estimator: ChannelEstimator<PATHS>,
+    first_path: FirstPathDetector,
     table: PulseTable,
     spacing_s: f64,
 }
@@ -207,20 +218,29 @@ impl Stage {
         let spacing = spacing_s as f32;
         Self {
             estimator: ChannelEstimator::new(pulse, spacing, samples, options.false_paths as f32),
+            first_path: FirstPathDetector::new(&pulse, spacing, options.false_paths as f32),
             table: PulseTable::new(&pulse, spacing),
             spacing_s,
         }
     }
 
     fn frame(&self, recording: &Recording, index: usize, cycle: &Cycle, frame: &Frame) -> EstimatedFrame {
-        // Delays count from the first sample while they are single precision: that of a late frame would be coarse.
-        let estimate = match &frame.samples {
-            Samples::Complex(samples) => self.estimator.estimate(observation::Samples::Complex(samples), 0.0),
-            Samples::Magnitude(samples) => {
-                self.estimator.estimate(observation::Samples::Magnitude(samples), 0.0)
-            }
+        let samples = match &frame.samples {
+            Samples::Complex(samples) => observation::Samples::Complex(samples),
+            Samples::Magnitude(samples) => observation::Samples::Magnitude(samples),
         };
-        let first = estimate.first_path().copied();
+        // Delays count from the first sample while they are single precision: that of a late frame would be coarse.
+        let estimate = self.estimator.estimate(samples, 0.0);
+        let first_path = self.first_path.detect(samples, 0.0).map(|first| {
+            let delay_s = frame.first_sample_delay_s + f64::from(first.delay_s);
+            FirstPath {
+                delay_s,
+                range_m: delay_s * SPEED_OF_LIGHT_M_S,
+                delay_std_s: f64::from(first.delay_variance_s2).sqrt(),
+                magnitude: first.magnitude.into(),
+                snr_db: 10.0 * f64::from(first.snr).log10(),
+            }
+        });
         let mut paths: Vec<_> = estimate.paths.iter().collect();
         paths.sort_by(|a, b| a.delay_s.total_cmp(&b.delay_s));
         let energy = energy(&frame.samples);
@@ -239,7 +259,7 @@ impl Stage {
             white_noise,
             residual_share: self.residual_energy(&frame.samples, &estimate).map(|left| left / energy),
             noise_share: white_noise * frame.samples.len() as f64 / energy,
-            first_path: first.and_then(|first| paths.iter().position(|path| **path == first)),
+            first_path,
             paths: paths
                 .into_iter()
                 .map(|path| {

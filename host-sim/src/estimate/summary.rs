@@ -28,6 +28,9 @@ pub struct Summary {
     pub first_path_std_m: Option<f64>,
     /// The same for the radio's own first-path index.
     pub radio_first_path_std_m: Option<f64>,
+    /// Mean over the links of the correlation of the radio's own range with the error of its index, and how far that
+    /// mean is uncertain: 1 / sqrt(responses).
+    pub range_index_correlation: Option<[f64; 2]>,
     /// Median over the links of the median first-path range error, metres, and its spread from link to link.
     pub bias_m: Option<Spread>,
     /// The same for the radio's own range.
@@ -94,8 +97,18 @@ fn summary(line_of_sight: Option<bool>, links: &[&Link]) -> Summary {
         first_path_spread_no_larger_than_radio: compared(&first_path, &radio_first_path),
         first_path_std_m: median(links.iter().filter_map(|link| Some(first_path(link)?.std))),
         radio_first_path_std_m: median(links.iter().filter_map(|link| Some(radio_first_path(link)?.std))),
+        range_index_correlation: range_index_correlation(links),
         bias_m: Spread::of(links.iter().filter_map(|link| Some(link.first_path_error_m?.median))),
         radio_bias_m: Spread::of(links.iter().filter_map(|link| Some(link.radio_error_m?.median))),
         residual_share: median(links.iter().filter_map(|link| link.residual_share)),
     }
+}
+
+fn range_index_correlation(links: &[&Link]) -> Option<[f64; 2]> {
+    let registered = links.iter().filter_map(|link| link.registered);
+    let known: Vec<(f64, usize)> =
+        registered.filter_map(|own| Some((own.range_index_correlation?, own.responses))).collect();
+    let responses: usize = known.iter().map(|(_, responses)| responses).sum();
+    let sum: f64 = known.iter().map(|(correlation, _)| correlation).sum();
+    (!known.is_empty()).then(|| [sum / known.len() as f64, 1.0 / (responses as f64).sqrt()])
 }

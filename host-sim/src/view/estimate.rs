@@ -41,7 +41,7 @@ pub fn picture(
 
 /// The responses of an anchor as columns over range; none of a single frame, or without any first path.
 fn map(recording: &Recording, anchor: usize, frames: &[&EstimatedFrame]) -> Option<HeatMap> {
-    let firsts = || frames.iter().filter_map(|frame| frame.first().map(|path| path.range_m));
+    let firsts = || frames.iter().filter_map(|frame| frame.first_path.map(|path| path.range_m));
     if frames.len() < 2 || firsts().next().is_none() {
         return None;
     }
@@ -82,7 +82,7 @@ fn map(recording: &Recording, anchor: usize, frames: &[&EstimatedFrame]) -> Opti
     let lines = [
         line("true range", false, &|frame| frame.true_range_m),
         line("radio's own range", false, &|frame| frame.radio_range_m),
-        line("first path", false, &|frame| Some(frame.first()?.range_m)),
+        line("first path", false, &|frame| Some(frame.first_path?.range_m)),
     ];
     Some(HeatMap {
         title: format!("{}, anchor {}: all frames", recording.name, recording.anchors[anchor].name),

@@ -6,9 +6,12 @@
 //! normalised energy exceeds kappa, which follows from the false-path rate asked for:
 //! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope.
 //!
+//! Where a frame begins, for ranging, is a matter of its own: `first_path.rs`.
+//!
 //! Fixed memory: no copy of the frame is made; the residual is recomputed from the paths where it is needed.
 
 mod complex;
+mod first_path;
 mod gram;
 mod interpolation;
 mod magnitude;
@@ -20,6 +23,7 @@ use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
 
+pub use first_path::{FirstPath, FirstPathDetector};
 pub use noise::NoiseLevel;
 
 /// One specular path.
@@ -51,13 +55,6 @@ pub struct ChannelEstimate<const PATHS: usize> {
     pub paths: Vec<Path, PATHS>,
     /// White noise and dense multipath.
     pub noise: NoiseLevel,
-}
-
-impl<const PATHS: usize> ChannelEstimate<PATHS> {
-    /// The earliest path.
-    pub fn first_path(&self) -> Option<&Path> {
-        self.paths.iter().reduce(|first, path| if path.delay_s < first.delay_s { path } else { first })
-    }
 }
 
 /// A channel estimator for frames of one pulse and sample spacing; `PATHS` bounds the paths it reports.
