@@ -230,3 +230,90 @@ fn against_truth(recording: &Recording, anchor: usize, frames: &[&EstimatedFrame
         delay_rmse_s: Spread::of(errors_s).map(|spread| spread.rms),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::{Options, estimate};
+    use crate::recording::tests::example;
+    use crate::recording::{Cycle, Frame, Range};
+    use std::path::Path;
+
+    const SPACING_S: f64 = 0.25e-9;
+    const TRUE_M: f64 = 2.5;
+
+    /// A tag at rest, one path, twelve frames that begin anywhere; the radio sees the path where it is but for
+    /// `jitter` samples, and its range has the share `follows` of that error.
+    fn at_rest(follows: f64) -> (Recording, Vec<f64>) {
+        let mut recording = example();
+        recording.radio.sample_spacing_s = Some(SPACING_S);
+        let jitter: Vec<f64> = (0..12).map(|n| f64::from(n * 7 % 12) / 12.0 - 0.45).collect();
+        recording.cycles = jitter
+            .iter()
+            .enumerate()
+            .map(|(n, jitter)| {
+                let place = 60.0 + 0.083 * n as f64;
+                let index = place + jitter;
+                let scatter_m = 0.005 * (f64::from((4 * n as u32 + 1) * n as u32 % 11) - 5.0);
+                let range_m = TRUE_M + scatter_m + follows * jitter * SPACING_S * SPEED_OF_LIGHT_M_S;
+                let pulse = cogmint_core::pulse::Pulse { duration_s: 0.5e-9, roll_off: 0.6 };
+                let sample = |n: usize| {
+                    let value = 300.0 * pulse.autocorrelation(((n as f64 - place) / 2.0) as f32);
+                    // Noise enough for a level.
+                    [value + (n as f32 * 1.7).sin(), (n as f32 * n as f32 * 0.13).sin()]
+                };
+                Cycle {
+                    time_s: n as f64,
+                    truth_position_m: Some([0.5 + TRUE_M, 7.0]),
+                    ranges: vec![Range { anchor: 0, range_m, std_m: None }],
+                    frames: vec![Frame {
+                        anchor: 0,
+                        action: 0,
+                        first_sample_delay_s: TRUE_M / SPEED_OF_LIGHT_M_S - index * SPACING_S,
+                        first_path_index: Some(index),
+                        line_of_sight: Some(true),
+                        samples: Samples::Complex((0..400).map(sample).collect()),
+                    }],
+                    ..Cycle::default()
+                }
+            })
+            .collect();
+        (recording, jitter)
+    }
+
+    fn only_link(recording: &Recording) -> Link {
+        let options = Options { false_paths: 0.01, from: 0, cycles: usize::MAX, anchor: None };
+        let frames = estimate(recording, Path::new("r"), &options, || {}).expect("is estimated");
+        let mut links = links(recording, &frames);
+        assert_eq!(links.len(), 1);
+        links.remove(0)
+    }
+
+    #[test]
+    fn registration_tells_the_radios_jitter_from_ours() {
+        let (recording, jitter) = at_rest(0.0);
+        let link = only_link(&recording);
+        assert_eq!((link.line_of_sight, link.frames, link.frames_without_path), (Some(true), 12, 0));
+        let registered = link.registered.expect("the tag is at rest");
+        assert_eq!((registered.responses, registered.unlike), (12, 0));
+        let given_m = Spread::of(jitter.iter().map(|part| part * SPACING_S * SPEED_OF_LIGHT_M_S)).unwrap();
+        let seen_m = registered.radio_first_path_m.unwrap();
+        assert!((seen_m.std - given_m.std).abs() < 5e-4, "{} {}", seen_m.std, given_m.std);
+        assert!(registered.first_path_m.std < 2e-3, "{}", registered.first_path_m.std);
+        // What carries the radio's zero scatters with it.
+        assert!((registered.ideal_range_m.std - given_m.std).abs() < 5e-4);
+        assert!(registered.range_index_correlation.unwrap().abs() < 0.5);
+        let (followed, _) = at_rest(1.0);
+        let correlation = only_link(&followed).registered.unwrap().range_index_correlation;
+        assert!(correlation.unwrap() > 0.7, "{correlation:?}");
+    }
+
+    #[test]
+    fn a_tag_that_moves_is_not_registered() {
+        let (mut recording, _) = at_rest(0.0);
+        recording.cycles[7].truth_position_m = Some([3.1, 7.0]);
+        let link = only_link(&recording);
+        assert_eq!(link.registered, None);
+        assert_eq!(link.first_path_error_m.unwrap().count, 12);
+    }
+}

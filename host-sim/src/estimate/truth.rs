@@ -67,7 +67,7 @@ mod tests {
         });
         let found = matches(truth.iter(), &estimated, 0.5e-9);
         assert_eq!((found.paths, found.found), (4, 2));
-        assert_eq!((found.strong, found.strong_found), (2, 1));
+        assert_eq!((found.strong, found.strong_found), (3, 1));
         assert_eq!(found.false_paths, 1);
         assert!((found.errors_s[0] - 0.1e-9).abs() < 1e-15 && (found.errors_s[1] - 0.3e-9).abs() < 1e-15);
     }

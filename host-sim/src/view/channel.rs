@@ -6,7 +6,7 @@ use crate::recording::{ARRAYS_FILE, Cycle, Frame, Recording, Samples};
 use crate::replay::PATHS;
 use cogmint_core::Config;
 use cogmint_core::observation;
-use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
+use cogmint_core::perceptor::channel_estimator::{ChannelEstimator, FirstPathDetector};
 use cogmint_core::pulse::Pulse;
 use std::path::Path;
 
@@ -101,8 +101,11 @@ fn panel(
     });
     let true_paths: Vec<ChannelPath> = true_paths.collect();
     let delay_s = |n: usize| first_s + n as f64 * spacing_s;
-    // Radios log far more than holds a path.
-    let delays = || true_paths.iter().chain(&estimated).map(|path| path.delay_s);
+    // Radios log far more than holds a path, and what is found before the response begins is none.
+    let first_path = FirstPathDetector::new(&pulse, spacing_s as f32, false_paths).detect(samples, 0.0);
+    let begin_s = first_path.map_or(f64::NEG_INFINITY, |first| first_s + f64::from(first.delay_s) - BEFORE_S);
+    let found = estimated.iter().filter(|path| path.delay_s > begin_s);
+    let delays = || true_paths.iter().chain(found.clone()).map(|path| path.delay_s);
     let from_s = delays().fold(f64::INFINITY, f64::min) - BEFORE_S;
     let to_s = delays().fold(f64::NEG_INFINITY, f64::max) + BEHIND_S;
     let shown: Vec<usize> = match delays().next() {

@@ -45,7 +45,14 @@ fn map(recording: &Recording, anchor: usize, frames: &[&EstimatedFrame]) -> Opti
     if frames.len() < 2 || firsts().next().is_none() {
         return None;
     }
-    let low_m = firsts().fold(f64::INFINITY, f64::min) - BEFORE_M;
+    let begin_m = recording
+        .cycles
+        .iter()
+        .flat_map(|cycle| &cycle.frames)
+        .filter(|raw| raw.anchor == anchor)
+        .map(|raw| raw.first_sample_delay_s * SPEED_OF_LIGHT_M_S)
+        .fold(f64::INFINITY, f64::min);
+    let low_m = (firsts().fold(f64::INFINITY, f64::min) - BEFORE_M).max(begin_m);
     let high_m = firsts().fold(f64::NEG_INFINITY, f64::max) + BEHIND_M;
     let spacing_s = recording.radio.sample_spacing_s?;
     let every = frames.len().div_ceil(COLUMNS);
