@@ -76,6 +76,15 @@ impl Pulse {
         }
     }
 
+    /// Beyond this distance from the carrier the pulse has nothing, hertz: of a sampled pulse the edge of the widest
+    /// raised cosine with its rms bandwidth.
+    pub fn half_band_hz(&self) -> f32 {
+        match &self.shape {
+            PulseShape::RootRaisedCosine { roll_off } => 0.5 * (1.0 + roll_off) / self.duration_s,
+            PulseShape::Sampled { .. } => 2.77 * self.rms_bandwidth_hz(),
+        }
+    }
+
     /// T_eff, the integral over R^2, seconds: time over which the matched filter smears one sample of noise.
     pub fn effective_duration_s(&self) -> f32 {
         match &self.shape {

@@ -4,6 +4,7 @@
 pub mod bound;
 pub mod channel;
 pub mod demo;
+pub mod estimate;
 pub mod experiment;
 pub mod floor_plan;
 pub mod geometry;

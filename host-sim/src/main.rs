@@ -36,6 +36,8 @@ enum Command {
     /// Measure a stage of the system in many random trials.
     #[command(subcommand)]
     Experiment(command::experiment::Experiment),
+    /// Estimate the paths in the frames of recordings: first-path ranges beside the radio's own, residual energy.
+    Estimate(command::estimate::Options),
     /// Replay a recording through the core: table, figure, scores.
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
@@ -73,6 +75,7 @@ fn main() -> ExitCode {
         Some(Command::Simulate(options)) => command::simulate::run(&options),
         Some(Command::Plot(subject)) => command::plot::run(&subject),
         Some(Command::Experiment(experiment)) => command::experiment::run(&experiment),
+        Some(Command::Estimate(options)) => command::estimate::run(&options),
         Some(Command::Track(options)) => command::track::run(&options),
         Some(Command::Verify(options)) => command::verify::run(&options),
         Some(Command::Trace(options)) => command::trace::run(&options),

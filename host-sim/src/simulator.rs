@@ -238,6 +238,8 @@ impl Simulator {
             anchor,
             action,
             first_sample_delay_s: reported_s,
+            first_path_index: None,
+            line_of_sight: None,
             samples: match receiver.log {
                 Log::Complex => recording::Samples::Complex(
                     samples.iter().map(|sample| [sample.re as f32, sample.im as f32]).collect(),

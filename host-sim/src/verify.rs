@@ -781,6 +781,8 @@ mod tests {
                         anchor,
                         action,
                         first_sample_delay_s: 1e-9,
+                        first_path_index: None,
+                        line_of_sight: None,
                         samples: frame(kind, &recording.actions[action], &lengths, samples, &mut rng),
                     });
                 }

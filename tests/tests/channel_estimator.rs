@@ -243,7 +243,10 @@ fn magnitudes_of_two_paths_a_pulse_and_a_half_apart_are_two_paths() {
             let amplitudes = [channel.phased(17.8), channel.phased(17.8)];
             let frame = channel.frame(&[(delay_ns, amplitudes[0]), (delay_ns + apart_ns, amplitudes[1])]);
             let estimate = magnitudes(&estimator, &frame);
-            if let ([_, _], Some(first)) = (estimate.paths.as_slice(), estimate.first_path()) {
+            if let ([_, _], Some(first)) = (
+                estimate.paths.as_slice(),
+                estimate.paths.iter().min_by(|a, b| a.delay_s.total_cmp(&b.delay_s)),
+            ) {
                 let error_ns = f64::from(first.delay_s) * 1e9 - delay_ns;
                 normalised += error_ns.powi(2) / (f64::from(first.delay_variance_s2) * 1e18);
                 resolved += usize::from(error_ns.abs() < 0.25);

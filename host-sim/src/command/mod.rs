@@ -1,6 +1,7 @@
 //! The command's subcommands: each parses its options, calls the library, prints.
 
 pub mod demo;
+pub mod estimate;
 pub mod experiment;
 pub mod import;
 pub mod plot;

@@ -57,6 +57,8 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
                 anchor: 0,
                 action: 0,
                 first_sample_delay_s: 0.0,
+                first_path_index: None,
+                line_of_sight: None,
                 samples: Samples::Complex(samples),
             }],
             truth_paths: truth.collect(),

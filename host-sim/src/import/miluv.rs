@@ -242,6 +242,8 @@ fn attach_responses(
             action: 0,
             first_sample_delay_s: rows[row].raw_range_m / SPEED_OF_LIGHT_M_S
                 - (first_path + options.pulse_peak_samples) * DW1000_SAMPLE_SPACING_S,
+            first_path_index: Some(first_path),
+            line_of_sight: None,
             samples: Samples::Magnitude(magnitudes.float_row(index)),
         });
     }

@@ -57,7 +57,7 @@ pub fn warsaw(dir: &Path) -> Result<Vec<(String, Recording)>, InputError> {
         let number = |column: &str, value: f64| finite(&links_path, *line, column, value);
         let anchor_m = [number("anchor_x_m", link.anchor_x_m)?, number("anchor_y_m", link.anchor_y_m)?];
         let tag_m = [number("tag_x_m", link.tag_x_m)?, number("tag_y_m", link.tag_y_m)?];
-        let cycles = read_cycles(&mut archive, link.link, tag_m)?;
+        let cycles = read_cycles(&mut archive, link.link, tag_m, link.label.trim() == "LOS")?;
         recordings.push((name, recording_of(link, start, anchor_m, cycles)));
     }
     Ok(recordings)
@@ -130,6 +130,7 @@ fn read_cycles(
     archive: &mut Archive<std::io::BufReader<std::fs::File>>,
     link: u32,
     tag_m: [f64; 2],
+    line_of_sight: bool,
 ) -> Result<Vec<Cycle>, InputError> {
     let responses = archive.read(&format!("cir_{link}"))?;
     responses.expect(Element::Complex64, &[None, None])?;
@@ -155,6 +156,8 @@ fn read_cycles(
                     anchor: 0,
                     action: 0,
                     first_sample_delay_s: range_m / SPEED_OF_LIGHT_M_S - first_path * DW1000_SAMPLE_SPACING_S,
+                    first_path_index: Some(first_path),
+                    line_of_sight: Some(line_of_sight),
                     samples: Samples::Complex(responses.complex_row(index)),
                 }],
                 ..Cycle::default()
@@ -202,6 +205,9 @@ mod tests {
         let (name, recording) = &recordings[0];
         assert_eq!(name, "link_1");
         assert!(recording.source.contains(", LOS:"));
+        assert!(recording.cycles.iter().all(|cycle| cycle.frames[0].line_of_sight == Some(true)));
+        let free = |(_, link): &&(String, Recording)| link.cycles[0].frames[0].line_of_sight == Some(true);
+        assert_eq!(recordings.iter().filter(free).count(), 5);
         assert_eq!(&Recording::read(copies.0.join(name)).expect("is read"), recording);
         let first = &recording.cycles[0];
         let first_path_s = first.frames[0].first_sample_delay_s + 745.3125 * DW1000_SAMPLE_SPACING_S;

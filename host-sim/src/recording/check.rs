@@ -65,6 +65,7 @@ const TIME: Interval = from_to(-1e10, 1e10);
 const RANGE: Interval = from_to(0.0, 1e6);
 const RANGE_STD: Interval = above_zero_to(1e4);
 const DELAY: Interval = from_to(-1.0, 1.0);
+const FIRST_PATH: Interval = from_to(-65536.0, 65536.0);
 const STRENGTH: Interval = from_to(0.0, 1e30);
 
 impl Interval {
@@ -257,6 +258,9 @@ impl Recording {
         all_or_none("tag_height_m", self.cycles.iter().map(|cycle| cycle.tag_height_m.is_some()))?;
         let ranges = self.cycles.iter().flat_map(|cycle| &cycle.ranges);
         all_or_none("range_std_m", ranges.map(|range| range.std_m.is_some()))?;
+        let frames = || self.cycles.iter().flat_map(|cycle| &cycle.frames);
+        all_or_none("frame_first_path_index", frames().map(|frame| frame.first_path_index.is_some()))?;
+        all_or_none("frame_line_of_sight", frames().map(|frame| frame.line_of_sight.is_some()))?;
         self.check_samples_agree()
     }
 
@@ -291,6 +295,9 @@ impl Recording {
                     .allowed(format!("0 to {}, the indexes of `actions`", self.actions.len() - 1)));
             }
             check_element("frame_first_sample_delay_s", index, frame.first_sample_delay_s, DELAY)?;
+            if let Some(first_path) = frame.first_path_index {
+                check_element("frame_first_path_index", index, first_path, FIRST_PATH)?;
+            }
             let (name, finite) = match &frame.samples {
                 Samples::Complex(samples) => {
                     ("frame_samples", samples.iter().flatten().all(|part| part.is_finite()))
@@ -439,5 +446,11 @@ mod tests {
         assert_eq!(fault.place, Place::Array("truth_position_m"));
         let fault = fault_after(|recording| recording.cycles[1].ranges[0].std_m = None);
         assert_eq!(fault.place, Place::Array("range_std_m"));
+        let fault = fault_after(|recording| recording.cycles[2].frames[0].line_of_sight = None);
+        assert_eq!(fault.place, Place::Array("frame_line_of_sight"));
+        let fault = fault_after(|recording| recording.cycles[2].frames[0].first_path_index = None);
+        assert_eq!(fault.place, Place::Array("frame_first_path_index"));
+        let fault = fault_after(|recording| recording.cycles[2].frames[0].first_path_index = Some(f64::NAN));
+        assert_eq!(fault.place, Place::Array("frame_first_path_index"));
     }
 }

@@ -19,6 +19,8 @@
 //! | `frame_first_sample_delay_s` | float64 `[F]` | delay after transmission that the first sample shows; may be negative |
 //! | `frame_samples` | complex64 `[F, S]` | complex baseband samples, or |
 //! | `frame_magnitude` | float32 `[F, S]` | magnitudes, from radios that give no phase |
+//! | `frame_first_path_index` | float64 `[F]` | optional: sample at which the radio itself saw the first path |
+//! | `frame_line_of_sight` | uint8 `[F]` | optional truth: 1 where the direct path is free, 0 where it is not |
 //! | `truth_path_cycle` | uint32 `[P]` | index of the cycle in which a true path existed |
 //! | `truth_path_anchor` | uint8 `[P]` | index of its anchor |
 //! | `truth_path_virtual_anchor` | uint16 `[P]` | index of its virtual anchor; 65535: the direct path |
@@ -265,6 +267,10 @@ pub struct Frame {
     pub action: usize,
     /// The delay after transmission, in seconds, that the first sample shows. Negative when sampling began earlier.
     pub first_sample_delay_s: f64,
+    /// Where the radio itself saw the first path, in samples from the first one; fractional.
+    pub first_path_index: Option<f64>,
+    /// Whether the direct path is free, when somebody knew it. Serves for scoring alone.
+    pub line_of_sight: Option<bool>,
     /// The samples, [`Radio::sample_spacing_s`] apart.
     pub samples: Samples,
 }
@@ -308,6 +314,8 @@ pub(crate) mod tests {
             anchor,
             action: anchor,
             first_sample_delay_s: -1e-9,
+            first_path_index: Some(1.25),
+            line_of_sight: Some(anchor == 0),
             samples: Samples::Complex((0..5).map(|n| [n as f32, -0.5]).collect()),
         };
         Recording {

@@ -15,7 +15,7 @@ use super::{
 use crate::input_error::InputError;
 use crate::toml_place;
 
-const ARRAYS: [&str; 19] = [
+const ARRAYS: [&str; 21] = [
     "cycle_time_s",
     "truth_position_m",
     "tag_height_m",
@@ -27,6 +27,8 @@ const ARRAYS: [&str; 19] = [
     "frame_anchor",
     "frame_action",
     "frame_first_sample_delay_s",
+    "frame_first_path_index",
+    "frame_line_of_sight",
     "frame_samples",
     "frame_magnitude",
     "truth_path_cycle",
@@ -239,6 +241,18 @@ fn read_frames<R: Read + Seek>(archive: &mut Archive<R>, cycles: &mut [Cycle]) -
     actions.expect(Element::U16, &[Some(count)])?;
     let delays = archive.read("frame_first_sample_delay_s")?;
     delays.expect(Element::F64, &[Some(count)])?;
+    let first_paths = archive.read_optional("frame_first_path_index")?;
+    if let Some(first_paths) = &first_paths {
+        first_paths.expect(Element::F64, &[Some(count)])?;
+    }
+    let lines_of_sight = archive.read_optional("frame_line_of_sight")?;
+    if let Some(lines_of_sight) = &lines_of_sight {
+        lines_of_sight.expect(Element::U8, &[Some(count)])?;
+        if let Some(index) = (0..count).find(|&index| lines_of_sight.float(index) > 1.0) {
+            let reason = format!("is {} at index {index}", lines_of_sight.float(index));
+            return Err(lines_of_sight.refuse(reason).allowed("0 or 1"));
+        }
+    }
     let magnitudes = archive.read_optional("frame_magnitude")?;
     let complex = match &magnitudes {
         None => Some(archive.read("frame_samples")?),
@@ -275,6 +289,8 @@ fn read_frames<R: Read + Seek>(archive: &mut Archive<R>, cycles: &mut [Cycle]) -
             anchor: anchors.float(index) as usize,
             action: actions.float(index) as usize,
             first_sample_delay_s: delays.float(index),
+            first_path_index: first_paths.as_ref().map(|indexes| indexes.float(index)),
+            line_of_sight: lines_of_sight.as_ref().map(|free| free.float(index) > 0.0),
             samples,
         });
     }

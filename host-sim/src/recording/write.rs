@@ -159,6 +159,14 @@ impl Recording {
         archive.add("frame_action", Element::U16, &shape, actions)?;
         let delays: Vec<f64> = frames.iter().map(|(_, frame)| frame.first_sample_delay_s).collect();
         add_floats(&mut archive, "frame_first_sample_delay_s", &shape, &delays)?;
+        let first_paths: Vec<f64> = frames.iter().filter_map(|(_, frame)| frame.first_path_index).collect();
+        if !first_paths.is_empty() {
+            add_floats(&mut archive, "frame_first_path_index", &shape, &first_paths)?;
+        }
+        if first.line_of_sight.is_some() {
+            let free = frames.iter().filter_map(|(_, frame)| frame.line_of_sight).map(u8::from);
+            archive.add("frame_line_of_sight", Element::U8, &shape, free)?;
+        }
         let (name, element) = match first.samples {
             Samples::Complex(_) => ("frame_samples", Element::Complex64),
             Samples::Magnitude(_) => ("frame_magnitude", Element::F32),
@@ -289,6 +297,7 @@ mod tests {
             cycle.tag_height_m = None;
             cycle.ranges.clear();
             for frame in &mut cycle.frames {
+                (frame.first_path_index, frame.line_of_sight) = (None, None);
                 frame.samples = Samples::Magnitude(vec![0.0, 1.0, 2.5]);
             }
         }

@@ -7,7 +7,7 @@ use crate::replay::{PATHS, pulse_shape};
 use cogmint_core::Config;
 use cogmint_core::observation;
 use cogmint_core::observation::SampleFault;
-use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
+use cogmint_core::perceptor::channel_estimator::{ChannelEstimator, FirstPathDetector};
 use cogmint_core::pulse::Pulse;
 use std::path::Path;
 
@@ -15,7 +15,8 @@ use std::path::Path;
 const BEFORE_S: f64 = 30e-9;
 const BEHIND_S: f64 = 100e-9;
 
-/// The picture of a cycle: a panel per anchor with a frame, or for `anchor` alone. `folder` is where the recording is,
+/// The picture of a cycle at the tracker's own rate of false paths: a panel per anchor with a frame, or for `anchor`
+/// alone. `folder` is where the recording is,
 /// for messages.
 ///
 /// # Errors
@@ -25,6 +26,18 @@ pub fn picture(
     folder: &Path,
     cycle: usize,
     anchor: Option<usize>,
+) -> Result<Picture, InputError> {
+    let false_paths = Config::default().radio.false_paths_per_frame;
+    picture_at(recording, folder, cycle, anchor, false_paths)
+}
+
+/// The same at a given rate of false paths per frame.
+pub(super) fn picture_at(
+    recording: &Recording,
+    folder: &Path,
+    cycle: usize,
+    anchor: Option<usize>,
+    false_paths: f32,
 ) -> Result<Picture, InputError> {
     let Some(received) = recording.cycles.get(cycle) else {
         return Err(InputError::new(folder, format!("has no cycle {cycle}"))
@@ -37,7 +50,7 @@ pub fn picture(
     let wanted = |frame: &&Frame| anchor.is_none_or(|anchor| frame.anchor == anchor);
     let mut panels = Vec::new();
     for frame in received.frames.iter().filter(wanted) {
-        let panel = panel(recording, received, cycle, frame).map_err(|fault| {
+        let panel = panel(recording, received, cycle, frame, false_paths).map_err(|fault| {
             let name = &recording.anchors[frame.anchor].name;
             InputError::new(
                 folder.join(ARRAYS_FILE),
@@ -61,6 +74,7 @@ fn panel(
     received: &Cycle,
     cycle: usize,
     frame: &Frame,
+    false_paths: f32,
 ) -> Result<ChannelFigure, SampleFault> {
     let spacing_s = recording.radio.sample_spacing_s.unwrap_or(recording.radio.pulse_duration_s);
     let action = &recording.actions[frame.action];
@@ -76,7 +90,6 @@ fn panel(
         }
     };
     let pulse = Pulse { duration_s: action.pulse_duration_s as f32, shape: pulse_shape(&recording.radio) };
-    let false_paths = Config::default().radio.false_paths_per_frame;
     let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s as f32, count, false_paths);
     let estimate = estimator.estimate(samples, first_s as f32)?;
     let estimated = estimate.paths.iter().map(|path| {
@@ -93,8 +106,11 @@ fn panel(
     });
     let true_paths: Vec<ChannelPath> = true_paths.collect();
     let delay_s = |n: usize| first_s + n as f64 * spacing_s;
-    // Radios log far more than holds a path.
-    let delays = || true_paths.iter().chain(&estimated).map(|path| path.delay_s);
+    // Radios log far more than holds a path, and what is found before the response begins is none.
+    let first_path = FirstPathDetector::new(&pulse, spacing_s as f32, false_paths).detect(samples, 0.0);
+    let begin_s = first_path.map_or(f64::NEG_INFINITY, |first| first_s + f64::from(first.delay_s) - BEFORE_S);
+    let found = estimated.iter().filter(|path| path.delay_s > begin_s);
+    let delays = || true_paths.iter().chain(found.clone()).map(|path| path.delay_s);
     let from_s = delays().fold(f64::INFINITY, f64::min) - BEFORE_S;
     let to_s = delays().fold(f64::NEG_INFINITY, f64::max) + BEHIND_S;
     let shown: Vec<usize> = match delays().next() {

@@ -2,6 +2,7 @@
 
 pub mod carriers;
 pub mod channel;
+pub mod estimate;
 pub mod room;
 
 /// A power ratio in decibels.

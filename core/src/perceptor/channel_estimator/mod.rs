@@ -7,10 +7,13 @@
 //! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope. The envelope is
 //! what magnitudes show, so the rate holds for either mode.
 //!
+//! Where a frame begins, for ranging, is a matter of its own: `first_path.rs`.
+//!
 //! Fixed memory: no copy of the frame is made; the residual is recomputed from the paths where it is needed.
 
 mod complex;
 mod component;
+mod first_path;
 mod gram;
 mod interpolation;
 mod magnitude;
@@ -22,6 +25,7 @@ use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
 
+pub use first_path::{FirstPath, FirstPathDetector};
 pub use noise::{DenseMultipath, NoiseLevel};
 
 /// One specular path.
@@ -56,13 +60,6 @@ pub struct ChannelEstimate<const PATHS: usize> {
     pub noise: NoiseLevel,
     /// The dense multipath as a whole.
     pub dense: DenseMultipath,
-}
-
-impl<const PATHS: usize> ChannelEstimate<PATHS> {
-    /// The earliest path.
-    pub fn first_path(&self) -> Option<&Path> {
-        self.paths.iter().reduce(|first, path| if path.delay_s < first.delay_s { path } else { first })
-    }
 }
 
 /// A channel estimator for frames of one pulse and sample spacing; `PATHS` bounds the paths it reports.

@@ -14,7 +14,7 @@
 use crate::real::{exp, larger, smaller, sqrt};
 
 /// Decay time of the dense multipath, seconds.
-const DECAY_S: f32 = 20e-9;
+pub(super) const DECAY_S: f32 = 20e-9;
 /// Rise time of its soft onset, seconds.
 const RISE_S: f32 = 5e-9;
 /// Depth of the onset, chi.
