@@ -1,10 +1,13 @@
 //! The channel estimator against closed forms: the Cramer-Rao bound, the set rate of false paths, resolution.
 
+use cogmint::channel::pulse::PulseSpectrum;
+use cogmint::experiment::response::{Dense, ResponseMaker};
 use cogmint_core::observation::Samples;
 use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator};
 use cogmint_core::pulse::{Pulse, PulseShape};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
+use rayon::prelude::*;
 
 const PULSE: Pulse = Pulse { duration_s: 0.5e-9, shape: PulseShape::RootRaisedCosine { roll_off: 0.6 } };
 const SPACING_NS: f64 = 0.25;
@@ -301,4 +304,86 @@ fn magnitudes_without_a_pulse_give_no_path() {
         let samples: Vec<f32> = (0..SAMPLES).map(shape).collect();
         assert!(estimator.estimate(Samples::Magnitude(&samples), 0.0).unwrap().paths.is_empty());
     }
+}
+
+/// Pulses of 0.5 and 2 ns, short and long frames, white noise alone and dense multipath up to 27 dB above it.
+#[test]
+fn the_rate_of_false_paths_holds_for_any_pulse_frame_and_dense_multipath() {
+    const TRIALS: usize = 3000;
+    const RATE: f64 = 0.1;
+    for (duration_s, roll_off, spacing_s, samples) in
+        [(0.5e-9, 0.6, 0.25e-9, 400), (2e-9, 0.5, 1.0016e-9, 1016), (0.5e-9, 0.6, 0.1e-9, 1000)]
+    {
+        let pulse = Pulse::root_raised_cosine(duration_s as f32, roll_off as f32);
+        let estimator = ChannelEstimator::<16>::new(pulse, spacing_s as f32, samples, RATE as f32);
+        for omega in [0.0, 316.0, 5000.0] {
+            let maker = || {
+                let spectrum = PulseSpectrum::root_raised_cosine(duration_s, roll_off);
+                ResponseMaker::new(spectrum, samples, spacing_s)
+            };
+            let false_paths = |maker: &mut ResponseMaker, trial: usize| {
+                let mut rng = Xoshiro128PlusPlus::seed_from_u64(trial as u64);
+                let part = 0.1 + 0.3 * f64::from(rng.next_u32()) / 4_294_967_296.0;
+                let onset_s = part * samples as f64 * spacing_s;
+                let dense = (omega > 0.0).then_some(Dense { omega, onset_s });
+                estimate(&estimator, &maker.draw(&mut rng, &[], dense)).paths.len()
+            };
+            let found: usize = (0..TRIALS).into_par_iter().map_init(maker, false_paths).sum();
+            let rate = found as f64 / TRIALS as f64;
+            println!("T_p {duration_s:e} s, {samples} samples, Omega {omega}: {rate:.3} of {RATE}");
+            assert!(rate > 0.6 * RATE && rate < 1.6 * RATE, "T_p {duration_s:e}, Omega {omega}: {rate}");
+        }
+    }
+}
+
+/// A pulse that is no raised cosine, as samples of its autocorrelation: exp(-(t/w)^2). Paths come to within
+/// the bound, and no others.
+#[test]
+fn a_sampled_pulse_is_as_good_as_a_known_one() {
+    let width_ns = 0.35;
+    let at = |t_ns: f64| (-(t_ns / width_ns).powi(2)).exp();
+    let step_ns = 0.0625;
+    let shape = PulseShape::Sampled {
+        step_s: 1e-9 * step_ns as f32,
+        autocorrelation: std::array::from_fn(|lag| at(lag as f64 * step_ns) as f32),
+    };
+    let pulse = Pulse { duration_s: 0.5e-9, shape };
+    let estimator = ChannelEstimator::<16>::new(pulse, 0.25e-9, SAMPLES, 0.01);
+    // Noise of the spectrum that the matched filter leaves: white noise through exp(-2 (t/w)^2).
+    let taps: Vec<f64> = (-8..=8).map(|k| at(2f64.sqrt() * f64::from(k) * SPACING_NS)).collect();
+    let scale = taps.iter().map(|tap| tap * tap).sum::<f64>().sqrt();
+    let mut channel = Channel::new(12);
+    let (mut squares, mut found, mut others) = (0.0, 0.0, 0);
+    const TRIALS: usize = 1500;
+    let sinr = 100.0;
+    for _ in 0..TRIALS {
+        let delay_ns = 40.0 + channel.uniform();
+        let [re, im] = channel.phased(f64::sqrt(sinr));
+        let white: Vec<[f64; 2]> = (0..SAMPLES + taps.len()).map(|_| channel.normal()).collect();
+        let frame: Vec<[f32; 2]> = (0..SAMPLES)
+            .map(|n| {
+                let r = at(n as f64 * SPACING_NS - delay_ns);
+                let noise = |part: usize| {
+                    taps.iter().zip(&white[n..]).map(|(tap, z)| tap * z[part]).sum::<f64>() / scale
+                };
+                [(re * r + noise(0)) as f32, (im * r + noise(1)) as f32]
+            })
+            .collect();
+        for path in &estimate(&estimator, &frame).paths {
+            let error_ns = f64::from(path.delay_s) * 1e9 - delay_ns;
+            if error_ns.abs() < 0.25 {
+                squares += error_ns * error_ns;
+                found += 1.0;
+            } else {
+                others += 1;
+            }
+        }
+    }
+    // beta = 1 / (sqrt(2) pi w).
+    let beta_ghz = 1.0 / (2f64.sqrt() * std::f64::consts::PI * width_ns);
+    let bound_ns = 1.0 / (8.0 * (std::f64::consts::PI * beta_ghz).powi(2) * sinr).sqrt();
+    let ratio = (squares / found).sqrt() / bound_ns;
+    println!("{found} of {TRIALS} found, {others} others, delay RMSE {ratio:.3} of its bound");
+    assert!(found >= 0.999 * TRIALS as f64 && ratio < 1.1, "{found} found, {ratio}");
+    assert!(others as f64 <= 0.02 * TRIALS as f64, "{others} others");
 }

@@ -10,7 +10,7 @@ use cogmint::trace::{feed, trace};
 use std::path::Path;
 
 const CYCLES: usize = 60;
-const GOLDEN: u64 = 0x7f91_3289_d4dd_eed3;
+const GOLDEN: u64 = 0x78c6_4ced_66bb_bf31;
 
 #[test]
 fn the_seminar_room_gives_the_golden_hash() {
@@ -40,7 +40,8 @@ fn one_bit_of_one_sample_changes_the_hash() {
         panic!("the room's frames are complex")
     };
     let strongest = samples.iter_mut().max_by(|a, b| a[0].abs().total_cmp(&b[0].abs())).unwrap();
-    strongest[0] = f32::from_bits(strongest[0].to_bits() ^ 1);
+    // Not the last one, which rounding may swallow.
+    strongest[0] = f32::from_bits(strongest[0].to_bits() ^ 16);
     assert_ne!(hashes(&run.recording), hashes(&changed));
     assert_eq!(feed(&setup, &run.recording, file).unwrap()[..4], *b"COG1");
 }

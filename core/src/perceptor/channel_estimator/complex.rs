@@ -6,9 +6,10 @@
 //! s = 1 - r' Sigma r and q = y(t)/sqrt(lambda) - r' mu; |q|^2 / s is the gain in marginal likelihood of a path
 //! at t, and g = (|q|^2 - s) / s^2 its optimal prior variance (Tipping and Faul's fast marginal likelihood).
 //!
-//! Loop: refine the noise level on the residual; add the path with the largest gain if it exceeds kappa; move delays
-//! to the maximum of the matched filter without the other paths, until they stand still; re-estimate every g; prune
-//! what fell below kappa and merge what ran together. Bounded by `PATHS + 4` rounds.
+//! Loop: add the path with the largest gain if it exceeds kappa; move delays to the maximum of the matched filter
+//! without the other paths, until they stand still; re-estimate every g; prune what fell below kappa and merge what ran
+//! together. The noise level is fitted to the residual once no strong path is left, and follows every path from then
+//! on. Bounded by `PATHS + 4` rounds.
 //!
 //! Paths stay in order of delay, so that G falls into blocks of neighbours and each sample knows the few paths that
 //! reach it.
@@ -28,13 +29,16 @@ const STRONG: f32 = 316.0;
 const SKIP_PULSES: f32 = 1.5;
 /// Share of its energy that a path keeps on the sample grid, at least.
 const SCALLOPING: f32 = 0.7;
-/// Passes of the noise fit before the first path, and before each further one.
-const FIRST_REFINEMENTS: usize = 10;
-const REFINEMENTS: usize = 1;
+/// Passes of the noise fit before the first path: what stands out far needs no exact level.
+const FIRST_REFINEMENTS: usize = 5;
+/// Passes once the strongest path left has a gain of less than this many times kappa: the level is fitted with all strong
+/// paths out of it, and as often in every frame.
+const REFINEMENTS: usize = 6;
+const DOUBTFUL: f32 = 3.0;
 /// Passes over the moving delays after each new path, at most.
-const PASSES: usize = 8;
+const PASSES: usize = 24;
 /// A delay stands still that moves no further than this, samples.
-const STILL_SAMPLES: f32 = 0.02;
+const STILL_SAMPLES: f32 = 0.004;
 /// Neighbours of a component are those whose pulses could reach it, this many pulse durations of movement included.
 const REACH_PULSES: f32 = 1.5;
 /// Two paths closer than this many pulse durations are one.
@@ -80,15 +84,24 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         for _ in 0..FIRST_REFINEMENTS {
             fit.fit_noise();
         }
-        for round in 0..PATHS + 4 {
-            if round > 0 {
+        let mut refined = false;
+        for _ in 0..PATHS + 4 {
+            if refined {
+                fit.fit_noise();
+                fit.set_levels();
+                fit.settle();
+            }
+            let mut candidate = fit.strongest();
+            if !refined && candidate.is_none_or(|candidate| candidate.gain < DOUBTFUL * self.threshold) {
+                refined = true;
                 for _ in 0..REFINEMENTS {
                     fit.fit_noise();
                 }
                 fit.set_levels();
                 fit.settle();
+                candidate = fit.strongest();
             }
-            if !fit.add_strongest() {
+            if !candidate.is_some_and(|candidate| fit.add(candidate)) {
                 break;
             }
             for _ in 0..PASSES {
@@ -105,8 +118,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
 }
 
 impl<const PATHS: usize> Fit<'_, PATHS> {
-    /// One pass over the residual refines the levels of white noise and dense multipath. The rounds of the estimation
-    /// are the iterations of this fit.
+    /// One pass over the residual refines the levels of white noise and dense multipath.
     fn fit_noise(&mut self) {
         let table = &self.estimator.table;
         let skip = SKIP_PULSES * table.samples_per_pulse();
@@ -156,6 +168,16 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     fn scaled_gain(&self, sample: Complex, position: f32, first: usize, active: &[Component]) -> Residual {
         let table = &self.estimator.table;
         let [mut re, mut im] = sample;
+        let mut s = 1.0;
+        // Nearly always there is only one.
+        if let [component] = active {
+            let r = table.at(position - component.position);
+            let [a_re, a_im] = component.amplitude;
+            re -= a_re * r;
+            im -= a_im * r;
+            s -= r * (self.posterior.at(first, first) * r);
+            return Residual { amplitude: [re, im], power: re * re + im * im, s };
+        }
         let mut lags: Vec<f32, PATHS> = Vec::new();
         for component in active {
             let r = table.at(position - component.position);
@@ -165,7 +187,6 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             // As many lags as components at most: the push succeeds.
             let _ = lags.push(r);
         }
-        let mut s = 1.0;
         for (k, &r_k) in lags.iter().enumerate() {
             let mut cross = 0.0;
             for (sigma, r_l) in self.posterior.left_of_diagonal(first + k, first).iter().zip(&lags) {
@@ -176,7 +197,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         Residual { amplitude: [re, im], power: re * re + im * im, s }
     }
 
-    /// The gain over the noise level at sample `n`, as [`Self::add_strongest`] sees it; zero outside the frame.
+    /// The gain over the noise level at sample `n`, as [`Self::strongest`] sees it; zero outside the frame.
     fn gain_at(&self, n: Option<usize>) -> f32 {
         let Some((n, sample)) = n.and_then(|n| Some((n, self.samples.get(n)?))) else { return 0.0 };
         let (first, active, _) = Reach::new(&self.components).at(n);
@@ -187,8 +208,8 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         residual.power / (residual.s * self.noise.level(n as f32, self.estimator.sample_spacing_s))
     }
 
-    /// Adds the path with the largest gain above kappa; false where there is none or no room.
-    fn add_strongest(&mut self) -> bool {
+    /// The path with the largest gain above kappa.
+    fn strongest(&self) -> Option<Component> {
         let table = &self.estimator.table;
         // Between two samples a path has lost up to 1.2 dB: what falls short by more need not be looked at.
         let mut best = (None, SCALLOPING * self.estimator.threshold);
@@ -217,7 +238,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             }
             n += run.len().max(1);
         }
-        let (Some(n), gain) = best else { return false };
+        let (n, gain) = (best.0?, best.1);
         let vertex = parabola_vertex(self.gain_at(n.checked_sub(1)), gain, self.gain_at(Some(n + 1)));
         let position = n as f32 + vertex;
         let matched = self.estimator.interpolation.at(self.samples, position);
@@ -227,18 +248,23 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         let q2 = residual.power / level;
         let gain = larger(gain, q2 / s);
         if gain <= self.estimator.threshold {
-            return false;
+            return None;
         }
         let mut component = Component::new(position, matched, table);
         component.set_level(level);
         component.prior = larger((q2 - s) / (s * s), 1.0);
         component.amplitude = residual.amplitude;
         component.gain = gain;
+        Some(component)
+    }
+
+    /// Adds a path; false where there is no room.
+    fn add(&mut self, component: Component) -> bool {
         if self.components.push(component).is_err() {
             return false;
         }
         sort(&mut self.components);
-        if let Some(k) = self.components.iter().position(|component| component.position == position) {
+        if let Some(k) = self.components.iter().position(|other| other.position == component.position) {
             self.wake_neighbours(k);
         }
         true

@@ -292,6 +292,7 @@ impl<'a> LevelWalk<'a> {
     }
 
     /// The level at sample 0, 1, 2, ...
+    #[inline]
     pub fn next(&mut self) -> f32 {
         if self.within == 0 {
             self.decaying = self.level.decaying.get(self.node).copied().unwrap_or(0.0);

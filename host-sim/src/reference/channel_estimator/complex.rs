@@ -6,8 +6,8 @@
 //! s = 1 - r' Sigma r, r_k = R(t - tau_k), and q the residual at t over the root of the noise level; its best prior
 //! variance is (|q|^2 - s) / s^2 (Tipping and Faul). Paths whose gain falls below kappa go.
 //!
-//! A round: fit the noise to the residual, settle, add the best new path, then move delays and settle until they stand
-//! still. Only delays that a neighbour's change can have moved are moved.
+//! A round: add the best new path, then move delays and settle until they stand still. Once no strong path is left the
+//! noise is fitted to the residual, and again in every round from then on. Only delays that a neighbour's change can have moved are moved.
 //!
 //! This twin keeps buffers of the residual and inverts whole matrices; the core recomputes the residual where needed
 //! and inverts cluster by cluster.
@@ -18,12 +18,14 @@ use super::{ChannelEstimator, Path, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 
-/// Passes of the noise fit before the first round, and in each further one.
-const FIRST_FITS: usize = 10;
-const FITS: usize = 1;
+/// Passes of the noise fit before the first round; and once, as soon as no path is left that gains DOUBTFUL kappa. After
+/// that, one in every round.
+const FIRST_FITS: usize = 5;
+const FITS: usize = 6;
+const DOUBTFUL: f32 = 3.0;
 /// Passes over the delays in a round, and the move below which they stand still, samples.
-const PASSES: usize = 8;
-const STILL_SAMPLES: f32 = 0.02;
+const PASSES: usize = 24;
+const STILL_SAMPLES: f32 = 0.004;
 /// SINR above which the surroundings of a path are left out of the dense multipath's fit,
 const STRONG: f32 = 316.0;
 /// this many pulse durations to either side.
@@ -74,17 +76,32 @@ pub(super) fn estimate<T: Real>(
     let noise = NoiseLevel::everywhere(white_level(&powers), samples.len(), estimator.sample_spacing_s);
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let mut fit = Fit { estimator, samples, components: Vec::new(), noise, floor, posterior: Vec::new() };
-    for round in 0..estimator.most_paths + 4 {
-        for _ in 0..if round == 0 { FIRST_FITS } else { FITS } {
+    for _ in 0..FIRST_FITS {
+        fit.fit_noise();
+    }
+    let mut refined = false;
+    for _ in 0..estimator.most_paths + 4 {
+        if refined {
             fit.fit_noise();
-        }
-        if round > 0 {
             fit.set_levels();
             fit.settle();
         }
-        if !fit.add_strongest() {
+        let mut candidate = fit.strongest();
+        let sure = T::of(DOUBTFUL) * estimator.fitted_threshold;
+        if !refined && candidate.is_none_or(|candidate| candidate.gain < sure) {
+            refined = true;
+            for _ in 0..FITS {
+                fit.fit_noise();
+            }
+            fit.set_levels();
+            fit.settle();
+            candidate = fit.strongest();
+        }
+        let Some(candidate) = candidate else { break };
+        if fit.components.len() == estimator.most_paths {
             break;
         }
+        fit.add(candidate);
         for _ in 0..PASSES {
             if !fit.move_delays() {
                 break;
@@ -178,8 +195,8 @@ impl<T: Real> Fit<'_, T> {
         residual / (s * self.noise.at(position, self.estimator.sample_spacing_s))
     }
 
-    /// Adds the path of largest gain; false if none exceeds kappa or there is no room.
-    fn add_strongest(&mut self) -> bool {
+    /// The path of largest gain, if it exceeds kappa.
+    fn strongest(&self) -> Option<Component<T>> {
         let num = T::of;
         let spacing = self.estimator.sample_spacing_s;
         let residual = self.residual_powers();
@@ -193,7 +210,7 @@ impl<T: Real> Fit<'_, T> {
                 best = (Some(n), residual[n] / scale);
             }
         }
-        let (Some(n), gain) = best else { return false };
+        let (n, gain) = (best.0?, best.1);
         let left = if n > 0 { self.gain_at(n - 1) } else { T::ZERO };
         let position = T::of_count(n) + parabola_vertex(left, gain, self.gain_at(n + 1));
 
@@ -204,19 +221,18 @@ impl<T: Real> Fit<'_, T> {
         let q2 = power(amplitude) / level;
         let gain = larger(gain, q2 / s);
         if gain <= self.estimator.fitted_threshold {
-            return false;
+            return None;
         }
         let prior = larger((q2 - s) / square(s), T::ONE);
-        if self.components.len() == self.estimator.most_paths {
-            return false;
-        }
-        let added = Component { position, moving: true, prior, level, matched, amplitude, gain };
-        // Behind equal ones.
-        let place = self.components.partition_point(|component| component.position <= position);
+        Some(Component { position, moving: true, prior, level, matched, amplitude, gain })
+    }
+
+    /// Adds a component in its place by delay, behind equal ones.
+    fn add(&mut self, added: Component<T>) {
+        let place = self.components.partition_point(|component| component.position <= added.position);
         self.components.insert(place, added);
-        let first = self.components.iter().position(|component| component.position == position);
+        let first = self.components.iter().position(|component| component.position == added.position);
         self.wake_neighbours(first.unwrap_or(place));
-        true
     }
 
     /// Component `k` came, went or moved: what its pulse may reach can move.
