@@ -4,6 +4,8 @@
 #
 #   bash tests/on_target.sh [--json] [--cycles N] [--recording DIR]
 #
+# Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch.
+#
 # Takes the rustup target where it is installed; else Debian's toolchain with the sources of `core`; else installs
 # the one or the other. Exit code 0 only when all hashes are equal and no panic symbol is linked.
 set -euo pipefail
@@ -75,19 +77,30 @@ else
   say "no toolchain for $target"
   exit 1
 fi
-image=$PWD/firmware-stub/target/$target/release/cogmint-firmware
+images=$PWD/firmware-stub/target/$target/release
+image=$images/cogmint-firmware
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 cargo run --quiet --locked --release -p cogmint -- \
   trace "${recording[@]}" --cycles "$cycles" --feed "$work/feed.bin" >"$work/host.txt"
 
+mkdir "$work/eight"
+cogmint=(cargo run --quiet --locked --release -p cogmint --)
+"${cogmint[@]}" experiment eight-paths --frames 200 --out "$work/eight/frames"
+"${cogmint[@]}" trace --recording "$work/eight/frames" --cycles 200 --feed "$work/eight/feed.bin" >/dev/null
+
 # One instruction per virtual nanosecond: counts repeat exactly. The firmware reads feed.bin from its folder.
-(
-  cd "$work"
-  timeout 600 qemu-system-arm -cpu cortex-m4 -machine mps2-an386 -nographic -monitor none -serial none \
-    -semihosting-config enable=on,target=native -icount shift=0 -kernel "$image" >target.txt 2>&1
-) || say "QEMU ended with $?"
+run() {
+  (
+    cd "$1"
+    timeout 600 qemu-system-arm -cpu cortex-m4 -machine mps2-an386 -nographic -monitor none -serial none \
+      -semihosting-config enable=on,target=native -icount shift=0 -kernel "$2" >target.txt 2>&1
+  ) || say "QEMU ended with $?"
+}
+run "$work" "$image"
+run "$work/eight" "$images/estimator"
 
 cargo run --quiet --locked --release -p cogmint-tests --example target_report -- \
-  --target "$target" --image "$image" --host "$work/host.txt" --log "$work/target.txt" $json
+  --target "$target" --image "$image" --host "$work/host.txt" --log "$work/target.txt" \
+  --estimator-log "$work/eight/target.txt" $json

@@ -37,7 +37,45 @@ struct Report {
     frame_buffer_bytes: u64,
     flash_bytes: u64,
     panic_symbols: usize,
+    /// The channel estimator alone.
+    estimator: Estimator,
     budgets: BTreeMap<&'static str, Budget>,
+}
+
+/// What one frame of 400 samples costs the channel estimator, over those in which it finds just eight paths.
+#[derive(Serialize)]
+struct Estimator {
+    frames: usize,
+    instructions: u64,
+    instructions_max: u64,
+    /// State, and the deepest stack of an estimate.
+    state_and_scratch_bytes: u64,
+}
+
+impl Estimator {
+    fn read(log: &str) -> Result<Self, Box<dyn Error>> {
+        let mut counts: Vec<u64> = Vec::new();
+        let mut state_and_scratch_bytes = 0;
+        for line in log.lines() {
+            match line.split_whitespace().collect::<Vec<_>>().as_slice() {
+                ["frame", "8", count] => counts.push(count.parse()?),
+                ["frame", ..] => {}
+                ["estimator", state, "stack", stack] => {
+                    state_and_scratch_bytes = state.parse::<u64>()? + stack.parse::<u64>()?;
+                }
+                _ => eprintln!("target_report: the estimator's firmware said: {line}"),
+            }
+        }
+        if counts.is_empty() || state_and_scratch_bytes == 0 {
+            return Err("the estimator's firmware found no frame of eight paths, or did not end".into());
+        }
+        Ok(Self {
+            frames: counts.len(),
+            instructions: counts.iter().sum::<u64>() / counts.len() as u64,
+            instructions_max: counts.iter().copied().max().unwrap_or(0),
+            state_and_scratch_bytes,
+        })
+    }
 }
 
 fn main() -> ExitCode {
@@ -59,6 +97,7 @@ fn report() -> Result<bool, Box<dyn Error>> {
     };
     let host = std::fs::read_to_string(value("--host")?)?;
     let log = std::fs::read_to_string(value("--log")?)?;
+    let estimator = Estimator::read(&std::fs::read_to_string(value("--estimator-log")?)?)?;
     let image = std::fs::read(value("--image")?)?;
     let host_hashes: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
 
@@ -137,7 +176,10 @@ fn report() -> Result<bool, Box<dyn Error>> {
         flash_bytes,
         panic_symbols: panics.len(),
         instructions_per_stage,
+        estimator,
         budgets: BTreeMap::from([
+            ("estimator_instructions_8_paths", budget(1_400_000, 700_000)),
+            ("estimator_state_and_scratch_bytes", budget(16_384, 10_240)),
             ("instructions_per_cycle", budget(3_800_000, 1_900_000)),
             ("instructions_without_estimate", budget(1_000_000, 500_000)),
             ("instructions_predict_and_update", budget(280_000, 200_000)),
@@ -180,6 +222,8 @@ fn print(report: &Report) {
             report.instructions_per_cycle - stage("estimate") - stage("receive")
         }
         "instructions_predict_and_update" => stage("predict") + stage("update"),
+        "estimator_instructions_8_paths" => report.estimator.instructions,
+        "estimator_state_and_scratch_bytes" => report.estimator.state_and_scratch_bytes,
         "ram_bytes" => report.ram_bytes,
         "flash_bytes" => report.flash_bytes,
         _ => report.panic_symbols as u64,
@@ -193,5 +237,9 @@ fn print(report: &Report) {
         report.tracker_bytes,
         report.stack_bytes,
         report.frame_buffer_bytes
+    );
+    println!(
+        "estimator alone: {} frames of just 8 paths, the largest {} instructions",
+        report.estimator.frames, report.estimator.instructions_max
     );
 }
