@@ -252,7 +252,8 @@ mod tests {
                 assert!(error.abs() < 1e-3, "roll-off {roll_off}, lag {lag}: {error}");
             }
             assert!((sampled.rms_bandwidth_hz() / closed.rms_bandwidth_hz() - 1.0).abs() < 2e-3);
-            assert!((sampled.effective_duration_s() / closed.effective_duration_s() - 1.0).abs() < 2e-2);
+            // A sinc has 2.5 % of its energy beyond four pulse durations.
+            assert!((sampled.effective_duration_s() / closed.effective_duration_s() - 1.0).abs() < 3e-2);
         }
     }
 }

@@ -181,8 +181,9 @@ impl<T: Real> NoiseLevel<T> {
                     count += 1;
                 }
                 let inverse = T::ONE / level;
-                let terms =
-                    [sum * (inverse * (inverse * (T::ONE / num(KEPT)))), T::of_count(count) * inverse];
+                // Order: (sum / lambda) (1 / lambda / KEPT), which does not underflow.
+                let u = (sum * inverse) * (inverse * (T::ONE / num(KEPT)));
+                let terms = [u, T::of_count(count) * inverse];
                 for term in 0..2 {
                     all[term] += terms[term];
                     for part in 0..2 {
