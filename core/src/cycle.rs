@@ -344,7 +344,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let [re, im] = path.amplitude;
             let measurement =
                 Measurement { range_m, variance_m2, sinr: path.sinr, energy: re * re + im * im };
-            // Where ranges took up room, the paths found last, the weakest, are dropped.
+            // Where ranges took up room, the latest paths are dropped.
             let _ = into.measurements.push(measurement);
         }
     }

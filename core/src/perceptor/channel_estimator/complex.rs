@@ -31,9 +31,10 @@ const SKIP_PULSES: f32 = 1.5;
 const SCALLOPING: f32 = 0.7;
 /// Passes of the noise fit before the first path: what stands out far needs no exact level.
 const FIRST_REFINEMENTS: usize = 5;
-/// Passes once the strongest path left has a gain of less than this many times kappa: the level is fitted with all strong
-/// paths out of it, and as often in every frame.
+/// Passes once no strong path is left, or no room: the level is fitted with all strong paths out of it, and as often in
+/// every frame.
 const REFINEMENTS: usize = 6;
+/// A path below this many times kappa is not strong.
 const DOUBTFUL: f32 = 3.0;
 /// Passes over the moving delays after each new path, at most.
 const PASSES: usize = 24;
@@ -92,7 +93,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 fit.settle();
             }
             let mut candidate = fit.strongest();
-            if !refined && candidate.is_none_or(|candidate| candidate.gain < DOUBTFUL * self.threshold) {
+            let strong = candidate.is_some_and(|candidate| candidate.gain >= DOUBTFUL * self.threshold);
+            if !refined && (!strong || fit.components.is_full()) {
                 refined = true;
                 for _ in 0..REFINEMENTS {
                     fit.fit_noise();

@@ -18,7 +18,7 @@ use super::{ChannelEstimator, Path, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 
-/// Passes of the noise fit before the first round; and once, as soon as no path is left that gains DOUBTFUL kappa. After
+/// Passes of the noise fit before the first round; and once, as soon as no path is left that gains DOUBTFUL kappa, or no room. After
 /// that, one in every round.
 const FIRST_FITS: usize = 5;
 const FITS: usize = 6;
@@ -88,7 +88,8 @@ pub(super) fn estimate<T: Real>(
         }
         let mut candidate = fit.strongest();
         let sure = T::of(DOUBTFUL) * estimator.fitted_threshold;
-        if !refined && candidate.is_none_or(|candidate| candidate.gain < sure) {
+        let full = fit.components.len() == estimator.most_paths;
+        if !refined && (full || candidate.is_none_or(|candidate| candidate.gain < sure)) {
             refined = true;
             for _ in 0..FITS {
                 fit.fit_noise();
