@@ -120,7 +120,7 @@ fn run<const A: usize>(
 }
 
 impl Track {
-    /// The track over the anchors, above the error and the entropy over time.
+    /// The track over the anchors and the map of virtual anchors, above the error and the entropy over time.
     pub fn picture(&self, recording: &Recording) -> Picture {
         let estimates: Vec<[f64; 2]> =
             self.steps.iter().map(|step| step.report.position_m.map(f64::from)).collect();
@@ -150,7 +150,15 @@ impl Track {
             virtual_anchors: true_ones.chain(found).collect(),
             walls: recording.walls.clone(),
             ellipses: ellipses.collect(),
+            shows_map: false,
         };
+        // Virtual anchors lie around the room: a map of them leaves the track small.
+        let map = (!track.virtual_anchors.is_empty()).then(|| TrackFigure {
+            title: "Map at the end".into(),
+            ellipses: Vec::new(),
+            shows_map: true,
+            ..track.clone()
+        });
         let first_s = recording.cycles.first().map_or(0.0, |cycle| cycle.time_s);
         let time = |index: usize| recording.cycles.get(index).map_or(0.0, |cycle| cycle.time_s - first_s);
         let line = |title: &str, y_label: &str, log_y: bool, points: Vec<[f64; 2]>| LineFigure {
@@ -162,6 +170,7 @@ impl Track {
             log_y,
         };
         let mut rows = vec![vec![Panel::Track(track)]];
+        rows.extend(map.map(|map| vec![Panel::Track(map)]));
         if !self.errors_m.is_empty() {
             let points = self.errors_m.iter().map(|(index, error)| [time(*index), error.max(1e-4)]).collect();
             rows.push(vec![line("Position error", "error in m", true, points).into()]);
