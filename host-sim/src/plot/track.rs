@@ -163,19 +163,20 @@ impl TrackFigure {
     fn draw_anchors(&self, svg: &mut Svg, frame: &Frame, window: &Window) {
         let mut labels = Labels::within(frame.area);
         let mut names: Vec<([f64; 2], &str, &'static str)> = Vec::new();
-        svg.begin_clip(frame.area);
-        for image in self.virtual_anchors.iter().filter(|image| is_drawable(&image.position_m)) {
-            if let Some(covariance_m2) = image.covariance_m2 {
-                draw_ellipse(svg, frame, image.position_m, covariance_m2, MAPPED);
-            }
-        }
-        svg.end_clip();
         // Truth is drawn first and larger, so that an estimate right on it shows both.
         for is_truth in [true, false] {
             // On a map, estimates are small enough to leave their ellipses visible.
             let estimate_radius = if self.shows_map { 2.2 } else { 4.2 };
             let (ink, radius) = if is_truth { (SOFT_INK, 6.5) } else { (MAPPED, estimate_radius) };
-            for image in self.virtual_anchors.iter().filter(|image| image.is_truth == is_truth) {
+            let images = || self.virtual_anchors.iter().filter(|image| image.is_truth == is_truth);
+            svg.begin_clip(frame.area);
+            for image in images() {
+                if let Some(covariance_m2) = image.covariance_m2 {
+                    draw_ellipse(svg, frame, image.position_m, covariance_m2, MAPPED);
+                }
+            }
+            svg.end_clip();
+            for image in images() {
                 if !is_drawable(&image.position_m) {
                     continue;
                 }
