@@ -127,6 +127,7 @@ pub fn picture(simulator: &Simulator, runs: &[Run]) -> Picture {
             .collect(),
         walls: first.recording.walls.clone(),
         ellipses: Vec::new(),
+        shows_map: false,
     };
     let over_cycles =
         |title: &str, y_label: &str, log_y: bool, value: &dyn Fn(&Run, usize) -> f64| LineFigure {

@@ -5,6 +5,8 @@ use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, TrackFigure}
 use crate::recording::Recording;
 use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup, Step, inputs, step};
 use crate::score::Score;
+use crate::score::consistency::{Consistency, Innovations};
+use crate::score::map::{self, MapScore};
 use cogmint_core::memory::environment::CONFIRMED;
 use serde::Serialize;
 use std::path::Path;
@@ -29,8 +31,12 @@ pub struct Track {
     pub steps: Vec<Step>,
     /// Position errors of the cycles whose truth is known, metres, with the cycle.
     pub errors_m: Vec<(usize, f64)>,
-    /// The score.
+    /// The score of the position.
     pub score: Score,
+    /// The score of the map at the end.
+    pub map: MapScore,
+    /// Whether the filter knew how wrong it was.
+    pub consistency: Consistency,
     /// Virtual anchors with an existence above one half at the end.
     pub virtual_anchors: Vec<MappedVirtualAnchor>,
     /// Range bias of each anchor and its standard deviation at the end, metres; empty where none is estimated.
@@ -68,17 +74,22 @@ fn run<const A: usize>(
     let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
     let mut steps = Vec::new();
     let mut errors_m = Vec::new();
+    let mut claimed = Vec::new();
+    let mut innovations = Innovations::default();
     for (index, (cycle, input)) in recording.cycles.iter().zip(inputs(recording)).enumerate() {
-        let step = step(&mut tracker, &input, &mut ())
+        innovations.expect(&tracker, &setup.anchors, &input);
+        let step = step(&mut tracker, &input, &mut innovations)
             .map_err(|error| InputError::new(file, format!("cycle {index}: {error}")))?;
         if let Some([x, y]) = cycle.truth_position_m {
-            let [u, v] = step.report.position_m;
-            errors_m.push((index, (x - f64::from(u)).hypot(y - f64::from(v))));
+            let [u, v] = step.report.position_m.map(f64::from);
+            let c = &step.report.position_covariance_m2;
+            errors_m.push((index, (x - u).hypot(y - v)));
+            claimed.push(([u - x, v - y], [c.m11, c.m21, c.m22].map(f64::from)));
         }
         steps.push(step);
         on_cycle();
     }
-    let virtual_anchors = tracker
+    let virtual_anchors: Vec<MappedVirtualAnchor> = tracker
         .environment()
         .iter()
         .filter(|(_, record)| record.existence > CONFIRMED)
@@ -99,14 +110,17 @@ fn run<const A: usize>(
         .collect();
     let errors: Vec<f64> = errors_m.iter().map(|(_, error)| *error).collect();
     let score = Score::new(steps.len(), &errors, steps.iter().map(|step| step.seconds).sum());
+    let found: Vec<_> = virtual_anchors.iter().map(|va| (va.anchor, va.position_m)).collect();
+    let map = MapScore::new(map::truth(recording).as_deref(), &found);
+    let consistency = Consistency::new(&claimed, &innovations);
     let mut refusals = steps.iter().filter_map(|step| step.refused);
     let first_refusal = refusals.next().map(|error| error.to_string());
     let refused = steps.iter().filter(|step| step.refused.is_some()).count();
-    Ok(Track { steps, errors_m, score, virtual_anchors, bias_m, refused, first_refusal })
+    Ok(Track { steps, errors_m, score, map, consistency, virtual_anchors, bias_m, refused, first_refusal })
 }
 
 impl Track {
-    /// The track over the anchors, above the error and the entropy over time.
+    /// The track over the anchors and the map of virtual anchors, above the error and the entropy over time.
     pub fn picture(&self, recording: &Recording) -> Picture {
         let estimates: Vec<[f64; 2]> =
             self.steps.iter().map(|step| step.report.position_m.map(f64::from)).collect();
@@ -136,7 +150,15 @@ impl Track {
             virtual_anchors: true_ones.chain(found).collect(),
             walls: recording.walls.clone(),
             ellipses: ellipses.collect(),
+            shows_map: false,
         };
+        // Virtual anchors lie around the room: a map of them leaves the track small.
+        let map = (!track.virtual_anchors.is_empty()).then(|| TrackFigure {
+            title: "Map at the end".into(),
+            ellipses: Vec::new(),
+            shows_map: true,
+            ..track.clone()
+        });
         let first_s = recording.cycles.first().map_or(0.0, |cycle| cycle.time_s);
         let time = |index: usize| recording.cycles.get(index).map_or(0.0, |cycle| cycle.time_s - first_s);
         let line = |title: &str, y_label: &str, log_y: bool, points: Vec<[f64; 2]>| LineFigure {
@@ -148,6 +170,7 @@ impl Track {
             log_y,
         };
         let mut rows = vec![vec![Panel::Track(track)]];
+        rows.extend(map.map(|map| vec![Panel::Track(map)]));
         if !self.errors_m.is_empty() {
             let points = self.errors_m.iter().map(|(index, error)| [time(*index), error.max(1e-4)]).collect();
             rows.push(vec![line("Position error", "error in m", true, points).into()]);

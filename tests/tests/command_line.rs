@@ -54,8 +54,43 @@ fn track_prints_one_object_with_the_keys_promised() {
         assert!(outcome.get(key).is_some(), "{key} is missing in {outcome}");
     }
     assert_eq!(outcome["cycles"], 12);
+    for key in ["nees", "nees_within_95", "nis"] {
+        assert!(outcome[key].as_f64().is_some_and(|value| value >= 0.0), "{key} in {outcome}");
+    }
+    let map = &outcome["virtual_anchors"];
+    for key in ["true", "found", "spurious"] {
+        assert!(map[key].is_u64(), "{key} in {outcome}");
+    }
+    assert!(map["ospa_m"].as_f64().is_some_and(|m| (0.0..=1.0).contains(&m)), "{outcome}");
+    let listed = outcome["virtual_anchors_found"].as_array().map(Vec::len);
+    assert_eq!(map["found"].as_u64(), listed.map(|number| number as u64));
+    let table = text(&cogmint(folder.path(), &["track", "r"]).stdout);
+    assert!(table.contains("NEES") && table.contains("OSPA"), "{table}");
     assert!(folder.path().join("cogmint-out/r-track.svg").is_file());
     assert!(folder.path().join("cogmint-out/r-track.png").is_file());
+}
+
+#[test]
+fn what_nobody_knows_is_not_scored() {
+    let folder = Folder::new("track-without-truth");
+    let room = cogmint::demo::seminar_room(1, 12).unwrap();
+    let mut recording = cogmint::demo::run(&room, true, 1, || {}).unwrap().recording;
+    recording.virtual_anchors.clear();
+    for cycle in &mut recording.cycles {
+        cycle.truth_position_m = None;
+        cycle.truth_paths.clear();
+    }
+    recording.write(folder.path().join("r")).unwrap();
+    let outcome = json(&cogmint(folder.path(), &["track", "r", "--json"]));
+    assert!(outcome["nis"].is_f64(), "{outcome}");
+    assert!(outcome["virtual_anchors"]["found"].is_u64(), "{outcome}");
+    for key in ["nees", "nees_within_95"] {
+        assert!(outcome.get(key).is_some_and(serde_json::Value::is_null), "{key} in {outcome}");
+    }
+    for key in ["true", "ospa_m", "spurious"] {
+        let value = outcome["virtual_anchors"].get(key);
+        assert!(value.is_some_and(serde_json::Value::is_null), "{key} in {outcome}");
+    }
 }
 
 #[test]

@@ -4,6 +4,8 @@ use super::{OUTPUT_FOLDER, metres, print, print_json, progress, write_picture};
 use crate::Failure;
 use cogmint::recording::Recording;
 use cogmint::score::Score;
+use cogmint::score::consistency::Consistency;
+use cogmint::score::map::MapScore;
 use cogmint::track::{MappedVirtualAnchor, track};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -28,6 +30,9 @@ struct Outcome<'a> {
     recording: &'a str,
     #[serde(flatten)]
     score: &'a Score,
+    virtual_anchors: &'a MapScore,
+    #[serde(flatten)]
+    consistency: &'a Consistency,
     refused_cycles: usize,
     first_refusal: &'a Option<String>,
     virtual_anchors_found: &'a [MappedVirtualAnchor],
@@ -50,6 +55,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         return print_json(&Outcome {
             recording: &recording.name,
             score,
+            virtual_anchors: &run.map,
+            consistency: &run.consistency,
             refused_cycles: run.refused,
             first_refusal: &run.first_refusal,
             virtual_anchors_found: &run.virtual_anchors,
@@ -75,6 +82,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         },
         score.us_per_cycle,
     ));
+    print_consistency(&run.consistency);
+    print_map_score(&run.map);
     if !run.virtual_anchors.is_empty() {
         print("\nvirtual anchor of       x m      y m  deviation m  existence");
         for va in &run.virtual_anchors {
@@ -96,4 +105,24 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     print(&format!("\nFigure: {}", figure[1].display()));
     Ok(())
+}
+
+fn print_consistency(consistency: &Consistency) {
+    let number = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.2}"));
+    let within =
+        consistency.nees_within_95.map_or_else(|| "-".into(), |share| format!("{:.1} %", 100.0 * share));
+    print("\n  NEES/dof  within 95 % ellipse       NIS");
+    print(&format!("{:>10} {within:>20} {:>9}", number(consistency.nees), number(consistency.nis)));
+}
+
+fn print_map_score(map: &MapScore) {
+    let count = |value: Option<usize>| value.map_or_else(|| "-".into(), |value| value.to_string());
+    print("\nvirtual anchors:  true  found  spurious   OSPA m");
+    print(&format!(
+        "{:>22} {:>6} {:>9} {:>8}",
+        count(map.truth),
+        map.found,
+        count(map.spurious),
+        metres(map.ospa_m)
+    ));
 }

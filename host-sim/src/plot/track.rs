@@ -45,6 +45,8 @@ pub struct TrackFigure {
     pub walls: Vec<[[f64; 2]; 2]>,
     /// Positions along the first estimated track with their covariances xx, xy, yy, in square metres.
     pub ellipses: Vec<([f64; 2], [f64; 3])>,
+    /// Whether the window takes in the virtual anchors, else it keeps to the track and what is near it.
+    pub shows_map: bool,
 }
 
 impl TrackFigure {
@@ -87,7 +89,9 @@ impl TrackFigure {
         };
         take_in(&mut estimates(), 0.4);
         take_in(&mut self.walls.iter().flatten(), 0.5);
-        take_in(&mut self.virtual_anchors.iter().map(|image| &image.position_m), 0.5);
+        // Images of second order lie up to two rooms away.
+        let reach = if self.shows_map { 4.0 } else { 0.5 };
+        take_in(&mut self.virtual_anchors.iter().map(|image| &image.position_m), reach);
         window.grown(0.05 * window.longer().max(1.0))
     }
 
@@ -108,9 +112,10 @@ impl TrackFigure {
         if self.truth.iter().chain(self.estimates.iter().flat_map(|(_, track)| track)).next().is_some() {
             items.extend(ends_legend());
         }
-        if !self.ellipses.is_empty() || self.virtual_anchors.iter().any(|image| image.covariance_m2.is_some())
-        {
-            items.push((Key::Ellipse(colour(0)), "95 % ellipse".to_owned()));
+        let maps_ellipses = self.virtual_anchors.iter().any(|image| image.covariance_m2.is_some());
+        if !self.ellipses.is_empty() || maps_ellipses {
+            let ink = if self.ellipses.is_empty() { MAPPED } else { colour(0) };
+            items.push((Key::Ellipse(ink), "95 % ellipse".to_owned()));
         }
         if !self.anchors.is_empty() {
             items.push((Key::Marker(Marker::Triangle, INK, true), "anchor".to_owned()));
@@ -158,17 +163,20 @@ impl TrackFigure {
     fn draw_anchors(&self, svg: &mut Svg, frame: &Frame, window: &Window) {
         let mut labels = Labels::within(frame.area);
         let mut names: Vec<([f64; 2], &str, &'static str)> = Vec::new();
-        svg.begin_clip(frame.area);
-        for image in self.virtual_anchors.iter().filter(|image| is_drawable(&image.position_m)) {
-            if let Some(covariance_m2) = image.covariance_m2 {
-                draw_ellipse(svg, frame, image.position_m, covariance_m2, MAPPED);
-            }
-        }
-        svg.end_clip();
         // Truth is drawn first and larger, so that an estimate right on it shows both.
         for is_truth in [true, false] {
-            let (ink, radius) = if is_truth { (SOFT_INK, 6.5) } else { (MAPPED, 4.2) };
-            for image in self.virtual_anchors.iter().filter(|image| image.is_truth == is_truth) {
+            // On a map, estimates are small enough to leave their ellipses visible.
+            let estimate_radius = if self.shows_map { 2.2 } else { 4.2 };
+            let (ink, radius) = if is_truth { (SOFT_INK, 6.5) } else { (MAPPED, estimate_radius) };
+            let images = || self.virtual_anchors.iter().filter(|image| image.is_truth == is_truth);
+            svg.begin_clip(frame.area);
+            for image in images() {
+                if let Some(covariance_m2) = image.covariance_m2 {
+                    draw_ellipse(svg, frame, image.position_m, covariance_m2, MAPPED);
+                }
+            }
+            svg.end_clip();
+            for image in images() {
                 if !is_drawable(&image.position_m) {
                     continue;
                 }
@@ -287,6 +295,35 @@ mod tests {
             figure.virtual_anchors.iter().map(|image| window.contains(&image.position_m)).collect();
         assert_eq!(inside, [true, false, false]);
         assert!(!Picture::of(figure).svg().contains("NaN"));
+    }
+
+    #[test]
+    fn a_map_takes_in_distant_images_with_their_ellipses_and_leaves_out_what_is_astray() {
+        let image = |position_m, is_truth: bool| MappedAnchor {
+            position_m,
+            covariance_m2: (!is_truth).then_some([0.04, 0.01, 0.09]),
+            is_truth,
+            ..MappedAnchor::default()
+        };
+        let figure = TrackFigure {
+            truth: circle(100),
+            virtual_anchors: vec![
+                image([10.0, 5.0], true),
+                image([10.5, 5.0], false),
+                image([3.0, -900.0], false),
+            ],
+            shows_map: true,
+            ..TrackFigure::default()
+        };
+        let window = figure.window();
+        assert!(window.contains(&[10.0, 5.0]) && window.contains(&[10.5, 5.0]));
+        assert!(!window.contains(&[3.0, -900.0]) && window.longer() < 20.0);
+        let ellipses = |figure: TrackFigure| Picture::of(figure).svg().matches("<ellipse").count();
+        let without =
+            figure.virtual_anchors.iter().map(|image| MappedAnchor { covariance_m2: None, ..image.clone() });
+        let without = TrackFigure { virtual_anchors: without.collect(), ..figure.clone() };
+        // Two estimates and the legend.
+        assert_eq!(ellipses(figure) - ellipses(without), 3);
     }
 
     #[test]

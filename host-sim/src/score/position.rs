@@ -1,4 +1,4 @@
-//! Scores: how far a track was from the truth.
+//! How far a track was from the truth.
 
 use serde::Serialize;
 
