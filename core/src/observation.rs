@@ -41,6 +41,9 @@ impl Samples<'_> {
         if self.is_empty() {
             return Err(SampleFault::Empty);
         }
+        if self.len() > usize::from(u16::MAX) {
+            return Err(SampleFault::TooMany);
+        }
         let mut silent = true;
         match self {
             Samples::Complex(samples) => {
@@ -85,6 +88,8 @@ impl Samples<'_> {
 pub enum SampleFault {
     /// There is none.
     Empty,
+    /// There are more than 65535.
+    TooMany,
     /// One is NaN, infinite or beyond 1e12.
     NotFinite {
         /// Index of the first such sample.
@@ -103,6 +108,7 @@ impl core::fmt::Display for SampleFault {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Empty => write!(f, "the frame has no samples"),
+            Self::TooMany => write!(f, "the frame has more than 65535 samples"),
             Self::NotFinite { sample } => {
                 write!(f, "sample {sample} is not a finite number below 1e12 in magnitude")
             }
@@ -189,7 +195,9 @@ pub(crate) fn check_frame(frame: &Frame<'_>, rules: &FrameRules) -> Result<(), E
         return Err(Error::FrameDelay { anchor });
     }
     frame.samples.check().map_err(|fault| match fault {
-        SampleFault::Empty => Error::FrameLength { anchor, given, expected: rules.samples },
+        SampleFault::Empty | SampleFault::TooMany => {
+            Error::FrameLength { anchor, given, expected: rules.samples }
+        }
         SampleFault::NotFinite { sample } => Error::SampleNotFinite { anchor, sample },
         SampleFault::Negative { sample } => Error::NegativeMagnitude { anchor, sample },
         SampleFault::Silent => Error::SilentFrame { anchor },

@@ -30,7 +30,7 @@ const SKIP_PULSES: f32 = 1.5;
 /// Share of its energy that a path keeps on the sample grid, at least.
 const SCALLOPING: f32 = 0.7;
 /// Passes of the noise fit before the first path: what stands out far needs no exact level.
-const FIRST_REFINEMENTS: usize = 5;
+const FIRST_REFINEMENTS: usize = 8;
 /// Passes once no strong path is left, or no room: the level is fitted with all strong paths out of it, and as often in
 /// every frame.
 const REFINEMENTS: usize = 6;
@@ -71,7 +71,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(power), samples.len());
         let strongest = samples.iter().map(power).fold(0.0, larger);
-        let steps = LevelSteps::new(self.sample_spacing_s, samples.len());
+        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len());
         let mut estimate = self.without_paths(NoiseLevel::open(white, &steps));
         let mut fit = Fit {
             estimator: self,

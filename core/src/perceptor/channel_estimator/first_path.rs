@@ -17,12 +17,14 @@
 //! The response is first limited to the pulse's band: beyond it there is noise, and the distortion of a receiver that
 //! strong paths drive to its limits.
 
-use super::noise::{DECAY_S, white_level};
+use super::noise::white_level;
 use super::{Pulse, detection_threshold};
 use crate::observation::{Complex, Samples};
 use crate::pulse::PulseTable;
-use crate::real::{SPEED_OF_LIGHT_M_S, larger, sin, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, sqrt};
 
+/// Decay time of dense multipath taken for granted here, seconds.
+const DECAY_S: f32 = 20e-9;
 /// How far before the strongest sample the first path is sought, decay times of dense multipath: 5 % of its energy are
 /// later than that.
 const SEARCH_DECAYS: f32 = 3.0;
@@ -84,6 +86,9 @@ impl FirstPathDetector {
     /// A detector for frames whose samples are `sample_spacing_s` seconds apart, that finds `false_paths` paths (1e-4
     /// to 10) per search where there is only noise.
     pub fn new(pulse: &Pulse, sample_spacing_s: f32, false_paths: f32) -> Self {
+        let sample_spacing_s = limited(sample_spacing_s, 1e-12, 1e-6);
+        let pulse = &Pulse { duration_s: limited(pulse.duration_s, 1e-11, 2e-8), ..*pulse };
+        let false_paths = limited(false_paths, 1e-4, 10.0);
         let search_s = SEARCH_DECAYS * DECAY_S;
         // Cycles per sample at the edge of the pulse's band; at most all that the samples hold.
         let band = pulse.half_band_hz() * sample_spacing_s;

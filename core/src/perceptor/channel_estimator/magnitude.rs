@@ -67,7 +67,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(|m| m * m), samples.len());
         let strongest = samples.iter().map(|m| m * m).fold(0.0, larger);
-        let steps = LevelSteps::new(self.sample_spacing_s, samples.len());
+        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len());
         let mut estimate = self.without_paths(NoiseLevel::open(white, &steps));
         let mut search = Search {
             estimator: self,

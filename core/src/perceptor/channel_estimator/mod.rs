@@ -24,6 +24,7 @@ use crate::pulse::{Pulse, PulseTable};
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
+use noise::Profile;
 
 pub use first_path::{FirstPath, FirstPathDetector};
 pub use noise::{DenseMultipath, NoiseLevel};
@@ -40,7 +41,8 @@ pub struct Path {
     /// Component SINR: energy over the local level of noise and dense multipath (linear); in magnitude mode over that
     /// of neighbours of unknown phase as well. 1e-3 to 1e12.
     pub sinr: f32,
-    /// Variance of the delay, square seconds: the single-path bound at this SINR.
+    /// Variance of the delay, square seconds: the single-path bound at this SINR. Paths within a pulse duration of each
+    /// other know their delays less well than this.
     pub delay_variance_s2: f32,
 }
 
@@ -69,6 +71,8 @@ pub struct ChannelEstimator<const PATHS: usize> {
     table: PulseTable,
     interpolation: Interpolation,
     sample_spacing_s: f32,
+    /// What dense multipath is a sum of.
+    profile: Profile,
     /// kappa beside a level that was fitted to dense multipath.
     threshold: f32,
 }
@@ -79,8 +83,14 @@ const MOST_SINR: f32 = 1e12;
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
     /// An estimator for frames of `samples` samples, `sample_spacing_s` seconds apart, that reports
-    /// `false_paths` paths per frame of pure noise on average (1e-4 to 10).
+    /// `false_paths` paths per frame of pure noise on average (1e-4 to 10). What is out of range is taken as the nearest
+    /// value in it.
     pub fn new(pulse: Pulse, sample_spacing_s: f32, samples: usize, false_paths: f32) -> Self {
+        // Out of range they would stall the set-up: spacings from 1 ps to 1 us, pulses from 10 ps to 1 us.
+        let sample_spacing_s = limited(sample_spacing_s, 1e-12, 1e-6);
+        let pulse = Pulse { duration_s: limited(pulse.duration_s, 1e-11, 1e-6), ..pulse };
+        let false_paths = limited(false_paths, 1e-4, 10.0);
+        let profile = Profile::new(pulse.effective_duration_s());
         let window_s = samples as f32 * sample_spacing_s;
         let known_threshold = detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths);
         Self {
@@ -88,7 +98,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             table: PulseTable::new(&pulse, sample_spacing_s),
             interpolation: Interpolation::new(),
             sample_spacing_s,
-            threshold: fitted_threshold(&pulse, known_threshold),
+            profile,
+            threshold: fitted_threshold(&pulse, &profile, known_threshold),
         }
     }
 
@@ -158,16 +169,13 @@ fn detection_threshold(bandwidth_window: f32, false_paths: f32) -> f32 {
     threshold
 }
 
-/// Time over which a node's profile gathers its level: its integral over its peak, seconds.
-const LEVEL_S: f32 = 30e-9;
 /// By how much more than one part in n independent samples a peak is lost in a level fitted to n of them.
 const SELF_SHARE: f32 = 1.7;
 
 /// kappa where the level is fitted to n samples. A peak lifts the level under it, which costs more than the level's own
-/// errors add: measured in noise alone and in dense multipath from 0 to 37 dB above it, pulses of 0.5 and 2 ns, frames
-/// of 128 to 1016 samples, rates 0.01 to 1.
-fn fitted_threshold(pulse: &Pulse, threshold: f32) -> f32 {
-    let samples = LEVEL_S / pulse.effective_duration_s();
+/// errors add: measured in noise alone and in dense multipath.
+fn fitted_threshold(pulse: &Pulse, profile: &Profile, threshold: f32) -> f32 {
+    let samples = profile.length_s() / pulse.effective_duration_s();
     threshold / (1.0 + SELF_SHARE / samples)
 }
 

@@ -1,27 +1,28 @@
 //! The level of everything that is not a specular path: white noise, and dense multipath.
 //!
-//! Dense multipath has a power profile that rises softly and decays, (1 - chi exp(-t/rise)) exp(-t/decay), but where
-//! it begins is not taken for granted: it may follow the first path, or belong to an interferer that keeps a time of
-//! its own. So the level is lambda(n) = N0 + sum_j theta_j p(n - n_j) with a node n_j every 2.5 ns and theta_j >= 0.
+//! Dense multipath has a power profile that rises and decays, but how fast, and where it begins, is not taken for
+//! granted: it may follow the first path, or belong to an interferer that keeps a time of its own. So the level is
+//! lambda(n) = N0 + sum_j theta_j p(n - n_j), a sum of short profiles p(t) = (1 - chi exp(-t/rise)) exp(-t/decay) that
+//! begin at nodes n_j throughout the frame, theta_j >= 0.
 //!
 //! The residual's powers are exponentially distributed with mean lambda(n). Their likelihood is climbed by the
 //! multiplicative updates theta_j <- theta_j f(sum_n p u / sum_n p v), v = 1/lambda, u = |r|^2 / lambda^2 (the
 //! Itakura-Saito case of non-negative matrix factorisation, Fevotte, Bertin and Durrieu 2009), with |r|^2 / lambda cut
-//! off at 5, so that a path not yet found counts little. For these sums the level is taken as constant over cells of
-//! 2.5 ns. A profile being two exponentials, the rest are recursions from cell to cell: one pass over the samples,
+//! off at 5, so that a path not yet found counts little. For these sums the level is taken as constant over cells of a
+//! few nanoseconds. A profile being two exponentials, the rest are recursions from cell to cell: one pass over the samples,
 //! whatever the number of nodes.
 
 use crate::real::{exp, larger, smaller, sqrt};
 
-/// Decay time of the dense multipath, seconds.
-pub(super) const DECAY_S: f32 = 20e-9;
-/// Rise time of its soft onset, seconds.
-const RISE_S: f32 = 5e-9;
+/// Decay time of a node's profile, seconds, at least, and in effective pulse durations, at least: dense multipath that
+/// decays more slowly is a sum of such profiles, and a single path is none.
+const SHORTEST_DECAY_S: f32 = 8e-9;
+const DECAY_PULSES: f32 = 11.4;
+/// Rise time of its soft onset, and time over which the fit takes the level as constant (a cell), decay times.
+const RISE_DECAYS: f32 = 0.3125;
 /// Depth of the onset, chi.
 const ONSET: f32 = 0.98;
-/// Time over which the fit takes the level as constant, seconds. There is a node at the beginning of every cell,
-const CELL_S: f32 = 2.5e-9;
-/// or of every few cells of longer frames: so many nodes at most.
+/// There is a node at the beginning of every cell, or of every few cells of longer frames: so many nodes at most.
 const NODES: usize = 128;
 /// Every node's first share of the white noise: small, but not zero, which no factor would change.
 const FIRST_SHARE: f32 = 0.02;
@@ -30,6 +31,27 @@ const CUT: f32 = 5.0;
 const KEPT: f32 = 0.993_262;
 /// Blocks the frame is cut into to find its quietest parts.
 const BLOCKS: usize = 16;
+
+/// The profile that begins at a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(super) struct Profile {
+    decay_s: f32,
+    rise_s: f32,
+}
+
+impl Profile {
+    /// That for a pulse of the effective duration `effective_duration_s`.
+    pub fn new(effective_duration_s: f32) -> Self {
+        let decay_s = larger(SHORTEST_DECAY_S, DECAY_PULSES * effective_duration_s);
+        Self { decay_s, rise_s: RISE_DECAYS * decay_s }
+    }
+
+    /// Its integral over its peak, seconds: the time over which a node gathers its level.
+    pub fn length_s(&self) -> f32 {
+        1.56 * self.decay_s
+    }
+}
 
 /// The dense multipath of a frame as a whole.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -50,6 +72,7 @@ pub struct DenseMultipath {
 pub struct NoiseLevel {
     /// White noise power N0, in squared units of the samples.
     pub white: f32,
+    profile: Profile,
     /// theta of every node.
     weights: [f32; NODES],
     /// Sums over all nodes up to each one: of theta exp(-t/decay), and of theta exp(-t/decay - t/rise).
@@ -60,16 +83,12 @@ pub struct NoiseLevel {
 }
 
 impl NoiseLevel {
-    /// White noise only.
-    pub(super) fn white(white: f32) -> Self {
-        let none = [0.0; NODES];
-        Self { white, weights: none, decaying: none, rising: none, node_samples: 1 }
-    }
-
     /// White noise and the beginnings of dense multipath everywhere in a frame.
     pub(super) fn open(white: f32, steps: &LevelSteps) -> Self {
-        let mut level = Self::white(white);
-        level.node_samples = steps.node_cells * steps.cell_samples;
+        let none = [0.0; NODES];
+        let node_samples = steps.node_cells * steps.cell_samples;
+        let mut level =
+            Self { white, profile: steps.profile, weights: none, decaying: none, rising: none, node_samples };
         for weight in level.weights.iter_mut().take(steps.nodes) {
             *weight = FIRST_SHARE * white;
         }
@@ -101,8 +120,9 @@ impl NoiseLevel {
         let (Some(decaying), Some(rising)) = (self.decaying.get(node), self.rising.get(node)) else {
             return self.white;
         };
-        let decay = exp(-past_s / DECAY_S);
-        self.white + (decaying - ONSET * rising * exp(-past_s / RISE_S)) * decay
+        let Profile { decay_s, rise_s } = self.profile;
+        let decay = exp(-past_s / decay_s);
+        self.white + (decaying - ONSET * rising * exp(-past_s / rise_s)) * decay
     }
 
     /// Power, mean delay and delay spread of the dense multipath, whose profile S the matched filter makes a level of
@@ -128,7 +148,8 @@ impl NoiseLevel {
             };
         }
         // Moments of a node's profile, a difference of exponentials of the decay times d and e.
-        let (d, e) = (DECAY_S, DECAY_S * RISE_S / (DECAY_S + RISE_S));
+        let Profile { decay_s: d, rise_s } = self.profile;
+        let e = d * rise_s / (d + rise_s);
         let integral = d - ONSET * e;
         let profile_mean = (d * d - ONSET * (e * e)) / integral;
         let profile_square = 2.0 * (d * d * d - ONSET * (e * e * e)) / integral;
@@ -225,15 +246,16 @@ struct Factors {
 }
 
 impl Factors {
-    fn over(time_s: f32) -> Self {
-        let decay = exp(-time_s / DECAY_S);
-        Self { decay, rise: decay * exp(-time_s / RISE_S) }
+    fn over(time_s: f32, profile: &Profile) -> Self {
+        let decay = exp(-time_s / profile.decay_s);
+        Self { decay, rise: decay * exp(-time_s / profile.rise_s) }
     }
 }
 
 /// How a frame is cut into cells and nodes, and the profile's factors over their parts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LevelSteps {
+    profile: Profile,
     sample: Factors,
     cell: Factors,
     /// From a cell's first sample to its middle.
@@ -248,20 +270,23 @@ pub(super) struct LevelSteps {
 
 impl LevelSteps {
     /// For frames of `samples` samples.
-    pub fn new(sample_spacing_s: f32, samples: usize) -> Self {
+    pub fn new(profile: Profile, sample_spacing_s: f32, samples: usize) -> Self {
         // Positive and small: truncation is the floor.
-        let cell_samples = ((CELL_S / sample_spacing_s + 0.5) as usize).max(1);
-        let cells = samples.div_ceil(cell_samples);
-        let node_cells = cells.div_ceil(NODES).max(1);
-        let over = |samples: f32| Factors::over(samples * sample_spacing_s);
+        let cell_samples = ((profile.rise_s / sample_spacing_s + 0.5) as usize).max(1);
+        let node_cells = samples.div_ceil(cell_samples).div_ceil(NODES).max(1);
+        // Where nodes are scarce, no further apart than they must be.
+        let cell_samples =
+            if node_cells > 1 { samples.div_ceil(NODES).div_ceil(node_cells) } else { cell_samples };
+        let over = |samples: f32| Factors::over(samples * sample_spacing_s, &profile);
         Self {
+            profile,
             sample: over(1.0),
             cell: over(cell_samples as f32),
             half_cell: over(0.5 * (cell_samples as f32 - 1.0)),
             node: over((node_cells * cell_samples) as f32),
             cell_samples,
             node_cells,
-            nodes: cells.div_ceil(node_cells),
+            nodes: samples.div_ceil(cell_samples).div_ceil(node_cells),
             samples,
         }
     }
@@ -416,7 +441,7 @@ mod tests {
 
     #[test]
     fn the_walk_and_the_level_agree() {
-        let steps = LevelSteps::new(0.25e-9, 400);
+        let steps = LevelSteps::new(Profile::new(0.425e-9), 0.25e-9, 400);
         let mut noise = NoiseLevel::open(0.5, &steps);
         noise.weights[3] = 2.0;
         noise.accumulate(&steps);
@@ -432,7 +457,7 @@ mod tests {
     #[test]
     fn the_level_follows_dense_multipath_wherever_it_begins() {
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(4);
-        let steps = LevelSteps::new(0.25e-9, 400);
+        let steps = LevelSteps::new(Profile::new(0.425e-9), 0.25e-9, 400);
         for onset in [0.0_f32, 57.0, 200.0] {
             let truth = |n: usize| {
                 let t = (n as f32 - onset) * 0.25;

@@ -20,7 +20,7 @@ use crate::reference::{Matrix, zeros};
 
 /// Passes of the noise fit before the first round; and once, as soon as no path is left that gains DOUBTFUL kappa, or no room. After
 /// that, one in every round.
-const FIRST_FITS: usize = 5;
+const FIRST_FITS: usize = 8;
 const FITS: usize = 6;
 const DOUBTFUL: f32 = 3.0;
 /// Passes over the delays in a round, and the move below which they stand still, samples.
@@ -73,7 +73,7 @@ pub(super) fn estimate<T: Real>(
     first_sample_delay_s: T,
 ) -> (Vec<Path<T>>, NoiseLevel<T>) {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
-    let noise = NoiseLevel::everywhere(white_level(&powers), samples.len(), estimator.sample_spacing_s);
+    let noise = estimator.open_noise(white_level(&powers), samples.len());
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let mut fit = Fit { estimator, samples, components: Vec::new(), noise, floor, posterior: Vec::new() };
     for _ in 0..FIRST_FITS {

@@ -49,7 +49,7 @@ pub(super) fn estimate<T: Real>(
         strongest = larger(strongest, *power);
     }
     let floor = level_floor(strongest);
-    let mut noise = NoiseLevel::everywhere(white_level(&powers), samples.len(), estimator.sample_spacing_s);
+    let mut noise = estimator.open_noise(white_level(&powers), samples.len());
     let mut peaks: Vec<Peak<T>> = Vec::new();
     for _ in 0..FIRST_UPDATES {
         noise.update(&beside(estimator, &powers, &peaks), floor);

@@ -49,7 +49,9 @@ pub struct ChannelEstimator<T> {
     table: PulseTable<T>,
     interpolation: Interpolation<T>,
     sample_spacing_s: T,
-    /// kappa beside a level fitted to n samples: kappa / (1 + 1.7 / n), n those of 30 ns.
+    /// Decay and rise time of what dense multipath is a sum of.
+    profile: [T; 2],
+    /// kappa beside a level fitted to n samples: kappa / (1 + 1.7 / n), n those of 1.56 decay times.
     fitted_threshold: T,
     /// Most paths reported.
     most_paths: usize,
@@ -76,13 +78,15 @@ impl<T: Real> ChannelEstimator<T> {
             let crossings = num(2.0) * bandwidth_window * sqrt(pi::<T>() * threshold) + T::ONE;
             threshold = larger(ln(crossings / false_paths), T::ONE);
         }
-        let worth = num(30e-9) / pulse.effective_duration_s();
+        let profile = NoiseLevel::profile(pulse.effective_duration_s());
+        let worth = num(1.56) * profile[0] / pulse.effective_duration_s();
         let fitted_threshold = threshold / (T::ONE + num(1.7) / worth);
         Self {
             table: PulseTable::new(&pulse, sample_spacing_s),
             pulse,
             interpolation: Interpolation::new(),
             sample_spacing_s,
+            profile,
             fitted_threshold,
             most_paths,
         }
@@ -106,6 +110,11 @@ impl<T: Real> ChannelEstimator<T> {
             self.pulse.effective_duration_s(),
         );
         ChannelEstimate { paths, noise, dense }
+    }
+
+    /// The noise that a fit begins with.
+    fn open_noise(&self, white: T, samples: usize) -> NoiseLevel<T> {
+        NoiseLevel::everywhere(white, self.profile, samples, self.sample_spacing_s)
     }
 
     /// A path `position` samples into the frame.

@@ -8,12 +8,14 @@
 
 use crate::reference::real::{Real, exp, larger, smaller, sqrt, square};
 
-const DECAY_S: f32 = 20e-9;
-const RISE_S: f32 = 5e-9;
+/// Decay time of a profile: at least so many seconds, and so many effective pulse durations. Its rise time, in decay
+/// times.
+const SHORTEST_DECAY_S: f32 = 8e-9;
+const DECAY_PULSES: f32 = 11.4;
+const RISE_DECAYS: f32 = 0.3125;
 /// chi.
 const ONSET: f32 = 0.98;
-/// Seconds of a cell, within which the fit holds lambda constant; nodes lie at the beginnings of cells. The most nodes.
-const CELL_S: f32 = 2.5e-9;
+/// The most nodes. They lie at the beginnings of cells: a rise time each, within which the fit holds lambda constant.
 const NODES: usize = 128;
 /// theta of every node at first, over the white noise.
 const FIRST_SHARE: f32 = 0.02;
@@ -41,6 +43,9 @@ pub struct DenseMultipath<T> {
 pub struct NoiseLevel<T> {
     /// N0.
     pub white: T,
+    /// The decay and rise times of a profile.
+    decay_s: T,
+    rise_s: T,
     /// theta_j.
     theta: Vec<T>,
     /// At each node, sums over all nodes up to it: of theta exp(-t/decay), and of theta exp(-t/decay) exp(-t/rise).
@@ -54,20 +59,28 @@ pub struct NoiseLevel<T> {
 }
 
 impl<T: Real> NoiseLevel<T> {
-    /// White noise only.
-    pub(super) fn white(white: T) -> Self {
-        let (theta, sums) = (vec![T::ZERO; NODES], vec![[T::ZERO; 2]; NODES]);
-        Self { white, theta, sums, cell_samples: 1, node_samples: 1, nodes: 0, sample_spacing_s: T::ONE }
+    /// The decay and rise times for a pulse of the effective duration `effective_duration_s`.
+    pub(super) fn profile(effective_duration_s: T) -> [T; 2] {
+        let decay_s = larger(T::of(SHORTEST_DECAY_S), T::of(DECAY_PULSES) * effective_duration_s);
+        [decay_s, T::of(RISE_DECAYS) * decay_s]
     }
 
     /// White noise and a little dense multipath from every node of a frame.
-    pub(super) fn everywhere(white: T, samples: usize, sample_spacing_s: T) -> Self {
-        let cell_samples = ((T::of(CELL_S) / sample_spacing_s + T::of(0.5)).whole() as usize).max(1);
-        let cells = samples.div_ceil(cell_samples);
-        let node_cells = cells.div_ceil(NODES).max(1);
-        let nodes = cells.div_ceil(node_cells);
+    pub(super) fn everywhere(
+        white: T,
+        [decay_s, rise_s]: [T; 2],
+        samples: usize,
+        sample_spacing_s: T,
+    ) -> Self {
+        let cell_samples = ((rise_s / sample_spacing_s + T::of(0.5)).whole() as usize).max(1);
+        let node_cells = samples.div_ceil(cell_samples).div_ceil(NODES).max(1);
+        let cell_samples =
+            if node_cells > 1 { samples.div_ceil(NODES).div_ceil(node_cells) } else { cell_samples };
+        let nodes = samples.div_ceil(cell_samples).div_ceil(node_cells);
         let node_samples = node_cells * cell_samples;
-        let mut level = Self { cell_samples, node_samples, nodes, sample_spacing_s, ..Self::white(white) };
+        let (theta, sums) = (vec![T::ZERO; NODES], vec![[T::ZERO; 2]; NODES]);
+        let mut level =
+            Self { white, decay_s, rise_s, theta, sums, cell_samples, node_samples, nodes, sample_spacing_s };
         for j in 0..nodes {
             level.theta[j] = T::of(FIRST_SHARE) * white;
         }
@@ -78,8 +91,8 @@ impl<T: Real> NoiseLevel<T> {
     /// Both exponentials after a number of samples.
     fn exponentials(&self, samples: T) -> [T; 2] {
         let time_s = samples * self.sample_spacing_s;
-        let decay = exp(-time_s / T::of(DECAY_S));
-        [decay, decay * exp(-time_s / T::of(RISE_S))]
+        let decay = exp(-time_s / self.decay_s);
+        [decay, decay * exp(-time_s / self.rise_s)]
     }
 
     fn sum_up(&mut self) {
@@ -101,8 +114,8 @@ impl<T: Real> NoiseLevel<T> {
         let node = (position.whole() as usize / self.node_samples).min(NODES - 1);
         let past_s = (position - T::of_count(node * self.node_samples)) * sample_spacing_s;
         let [decaying, rising] = self.sums[node];
-        let decay = exp(-past_s / T::of(DECAY_S));
-        self.white + (decaying - T::of(ONSET) * rising * exp(-past_s / T::of(RISE_S))) * decay
+        let decay = exp(-past_s / self.decay_s);
+        self.white + (decaying - T::of(ONSET) * rising * exp(-past_s / self.rise_s)) * decay
     }
 
     /// lambda at all samples. Order: from each node on, both sums are carried by multiplication.
@@ -143,8 +156,8 @@ impl<T: Real> NoiseLevel<T> {
                 rms_delay_spread_s: none,
             };
         }
-        let slow = num(DECAY_S);
-        let fast = slow * num(RISE_S) / (slow + num(RISE_S));
+        let slow = self.decay_s;
+        let fast = slow * self.rise_s / (slow + self.rise_s);
         let chi = num(ONSET);
         let integral = slow - chi * fast;
         let mean = (square(slow) - chi * square(fast)) / integral;
