@@ -30,12 +30,12 @@ const SKIP_PULSES: f32 = 1.5;
 /// Share of its energy that a path keeps on the sample grid, at least.
 const SCALLOPING: f32 = 0.7;
 /// Passes of the noise fit before the first path: what stands out far needs no exact level.
-const FIRST_REFINEMENTS: usize = 8;
+const FIRST_REFINEMENTS: usize = 7;
 /// Passes once no strong path is left, or no room: the level is fitted with all strong paths out of it, and as often in
 /// every frame.
 const REFINEMENTS: usize = 6;
 /// A path below this many times kappa is not strong.
-const DOUBTFUL: f32 = 3.0;
+const DOUBTFUL: f32 = 2.0;
 /// Passes over the moving delays after each new path, at most.
 const PASSES: usize = 24;
 /// A delay stands still that moves no further than this, samples.

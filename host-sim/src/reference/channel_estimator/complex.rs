@@ -20,9 +20,9 @@ use crate::reference::{Matrix, zeros};
 
 /// Passes of the noise fit before the first round; and once, as soon as no path is left that gains DOUBTFUL kappa, or no room. After
 /// that, one in every round.
-const FIRST_FITS: usize = 8;
+const FIRST_FITS: usize = 7;
 const FITS: usize = 6;
-const DOUBTFUL: f32 = 3.0;
+const DOUBTFUL: f32 = 2.0;
 /// Passes over the delays in a round, and the move below which they stand still, samples.
 const PASSES: usize = 24;
 const STILL_SAMPLES: f32 = 0.004;
