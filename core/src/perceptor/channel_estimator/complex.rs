@@ -476,6 +476,10 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                     let [re, im] = other.matched;
                     amplitude = [amplitude[0] + weight * re, amplitude[1] + weight * im];
                 }
+                // A pulse cut off at its table's end can make G singular: then the posterior mean is all there is.
+                if !(power(&amplitude) < f32::MAX) {
+                    amplitude = component.amplitude;
+                }
                 let sinr = larger(component.gain - 1.0, 1e-3);
                 let path = self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr);
                 // Capacities are equal: every push succeeds.

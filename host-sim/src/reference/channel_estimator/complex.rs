@@ -401,6 +401,9 @@ impl<T: Real> Fit<'_, T> {
                 amplitude[1] += inverse[k][l] * self.components[l].matched[1];
             }
             let component = &self.components[k];
+            if !(power(amplitude) < T::of(f32::MAX)) {
+                amplitude = component.amplitude;
+            }
             let sinr = larger(component.gain - T::ONE, T::of(1e-3));
             paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
         }
