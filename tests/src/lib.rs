@@ -4,6 +4,7 @@
 
 pub mod estimator_fuzz;
 pub mod mutation;
+pub mod outcome;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,29 +1,9 @@
 //! The command line: what it prints, and what wrong use gets: a sentence with file and reason, exit code 2.
 
+use cogmint_tests::outcome::{json, refused, text};
 use cogmint_tests::{Folder, cogmint, shared_data};
 use std::fs;
 use std::path::Path;
-use std::process::Output;
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn json(output: &Output) -> serde_json::Value {
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", text(&output.stdout)))
-}
-
-/// Asserts exit code 2 and one sentence on standard error with all of `parts`.
-fn refused(output: &Output, parts: &[&str]) {
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    for part in parts {
-        assert!(said.contains(part), "{part:?} is missing in: {said}");
-    }
-    assert!(!said.contains("panicked"), "{said}");
-    assert!(output.stdout.is_empty());
-}
 
 /// A small recording in `folder`, made by the library.
 fn small_recording(folder: &Path) {

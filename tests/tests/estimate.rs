@@ -1,29 +1,10 @@
 //! `cogmint estimate`: what it prints, what it finds in recordings whose truth is known, and what wrong use gets.
 
+use cogmint_tests::outcome::{json, refused, text};
 use cogmint_tests::{Folder, cogmint, shared_data};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::process::Output;
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn json(output: &Output) -> Value {
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", text(&output.stdout)))
-}
-
-/// Asserts exit code 2 and one sentence on standard error with all of `parts`.
-fn refused(output: &Output, parts: &[&str]) {
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    for part in parts {
-        assert!(said.contains(part), "{part:?} is missing in: {said}");
-    }
-    assert!(output.stdout.is_empty());
-}
 
 /// A simulated recording in `folder/name`.
 fn simulated(folder: &Path, scenario: &str, cycles: &str, name: &str) {

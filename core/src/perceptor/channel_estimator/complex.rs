@@ -16,7 +16,6 @@
 
 use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
-use super::magnitude::parabola_vertex;
 use super::noise::{CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
 use crate::observation::Complex;
@@ -501,4 +500,11 @@ struct Residual {
 fn power(sample: &Complex) -> f32 {
     let [re, im] = *sample;
     re * re + im * im
+}
+
+/// Offset of the vertex of the parabola through three equidistant values whose middle one is the largest;
+/// within -0.5 to 0.5.
+fn parabola_vertex(before: f32, here: f32, after: f32) -> f32 {
+    let curvature = before - 2.0 * here + after;
+    if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 }
 }

@@ -331,13 +331,6 @@ fn alignment(x: f32) -> f32 {
     x / (0.5 + sqrt(x * x + 2.25))
 }
 
-/// Offset of the vertex of the parabola through three equidistant values whose middle one is the largest;
-/// within -0.5 to 0.5.
-pub(super) fn parabola_vertex(before: f32, here: f32, after: f32) -> f32 {
-    let curvature = before - 2.0 * here + after;
-    if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
