@@ -1,11 +1,12 @@
-//! Association of one anchor's measurements with its features, by loopy belief propagation.
+//! Association of one anchor's measurements with its features.
 //!
 //! Feature k (the direct path, then the virtual anchors) has a factor for "no measurement" and one for each
 //! measurement m, with existence r_k, detection probability Pd, and lambda the intensity of everything unknown:
 //!
 //! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / lambda.
 //!
-//! Messages go back and forth until they stand still:
+//! Features that want the same measurements form a cluster, solved exactly in [`exact`] or, where it is too large, by
+//! messages that go back and forth until they stand still:
 //!
 //! mu_km = psi_km / (psi_k0 + sum over m' != m of psi_km' nu_m'k),
 //! nu_mk = 1 / (1 + sum over k' != k of mu_k'm).
@@ -15,8 +16,11 @@
 //! Order: a sum that leaves one term out is (the terms before it, summed upwards from the first) + (the terms after
 //! it, summed downwards from the last), each starting from its constant (psi_k0 or 1 before, 0 after).
 
+pub mod exact;
+
 use super::Matrix;
 use super::real::{Real, abs, exp, larger, sqrt, square, tau};
+pub use cogmint_core::perceptor::association::Joint;
 
 /// Standard deviations beyond which a measurement cannot belong to a feature.
 const GATE: f32 = 4.0;
@@ -69,6 +73,8 @@ pub struct Belief<T> {
     pub associated: Vec<T>,
     /// Posterior existence.
     pub existence: T,
+    /// Its part in the most probable joint association of its cluster.
+    pub joint: Joint,
 }
 
 /// The outcome for one anchor.
@@ -78,7 +84,7 @@ pub struct Beliefs<T> {
     pub features: Vec<Belief<T>>,
     /// Probability that each measurement comes from no known feature.
     pub unassociated: Vec<T>,
-    /// Rounds of messages.
+    /// Rounds of messages; 0 where none were needed.
     pub iterations: usize,
 }
 
@@ -100,13 +106,33 @@ pub fn associate<T: Real>(
     }
     discount_later_arrivals(&mut psi[0], measurements, clutter);
 
+    // The clusters.
+    let mut exact: Vec<Option<exact::Solution<T>>> = features.iter().map(|_| None).collect();
+    let mut loopy = Vec::new();
+    for mut cluster in clusters(&psi) {
+        // Stable: equal ranges stay in the order of the features.
+        cluster.sort_by(|&a, &b| {
+            features[a].range_m.partial_cmp(&features[b].range_m).unwrap_or(core::cmp::Ordering::Equal)
+        });
+        let rows = cluster.iter().map(|&k| psi[k].clone()).collect();
+        match exact::solve(cluster.iter().map(|&k| absent[k]).collect(), rows) {
+            Some(solutions) => {
+                for (&k, solution) in cluster.iter().zip(solutions) {
+                    exact[k] = Some(solution);
+                }
+            }
+            None => loopy.extend(cluster),
+        }
+    }
+    loopy.sort_unstable();
+
     // The messages.
     let mut mu = super::zeros::<T>(rows, columns);
     let mut nu = vec![vec![T::ONE; columns]; rows];
     let mut iterations = 0;
-    while iterations < ITERATIONS {
+    while iterations < ITERATIONS && !loopy.is_empty() {
         iterations += 1;
-        for k in 0..rows {
+        for &k in &loopy {
             for m in 0..columns {
                 let mut before = absent[k];
                 for other in 0..m {
@@ -120,14 +146,14 @@ pub fn associate<T: Real>(
             }
         }
         let mut moving = false;
-        for k in 0..rows {
+        for &k in &loopy {
             for m in 0..columns {
                 let mut above = T::ONE;
-                for other in 0..k {
+                for &other in loopy.iter().filter(|&&other| other < k) {
                     above += mu[other][m];
                 }
                 let mut below = T::ZERO;
-                for other in (k + 1..rows).rev() {
+                for &other in loopy.iter().rev().filter(|&&other| other > k) {
                     below += mu[other][m];
                 }
                 let next = T::ONE / (above + below);
@@ -144,30 +170,63 @@ pub fn associate<T: Real>(
 
     // The beliefs.
     let mut beliefs = Vec::new();
-    for k in 0..rows {
-        let mut sum = absent[k];
-        let mut associated = vec![T::ZERO; columns];
-        for m in 0..columns {
-            associated[m] = psi[k][m] * nu[k][m];
-            sum += associated[m];
-        }
-        for m in 0..columns {
-            associated[m] /= sum;
-        }
-        let missed = absent[k] / sum;
+    for (k, exact) in exact.into_iter().enumerate() {
+        let (missed, associated, joint) = match exact {
+            Some(solution) => {
+                let joint = solution.joint.map_or(Joint::Missed, Joint::Measurement);
+                (solution.missed, solution.associated, joint)
+            }
+            None => {
+                let mut sum = absent[k];
+                let mut associated = vec![T::ZERO; columns];
+                for m in 0..columns {
+                    associated[m] = psi[k][m] * nu[k][m];
+                    sum += associated[m];
+                }
+                for m in 0..columns {
+                    associated[m] /= sum;
+                }
+                (absent[k] / sum, associated, Joint::Unknown)
+            }
+        };
         // The part of "no measurement" in which the feature exists.
         let undetected = features[k].existence * (T::ONE - features[k].detection) / absent[k];
-        beliefs.push(Belief { missed, associated, existence: T::ONE - missed * (T::ONE - undetected) });
+        let existence = T::ONE - missed * (T::ONE - undetected);
+        beliefs.push(Belief { missed, associated, existence, joint });
     }
     let mut unassociated = Vec::new();
     for m in 0..columns {
-        let mut sum = T::ONE;
+        // A measurement is of one cluster: either nothing is subtracted or nothing is added.
+        let mut free = T::ONE;
+        let mut sum = T::ZERO;
         for k in 0..rows {
-            sum += mu[k][m];
+            if loopy.contains(&k) {
+                sum += mu[k][m];
+            } else {
+                free -= beliefs[k].associated[m];
+            }
         }
-        unassociated.push(T::ONE / sum);
+        unassociated.push(larger(free, T::ZERO) / (T::ONE + sum));
     }
     Beliefs { features: beliefs, unassociated, iterations }
+}
+
+/// The features of each cluster: those joined by measurements that two of them can take.
+fn clusters<T: Real>(psi: &Matrix<T>) -> Vec<Vec<usize>> {
+    let compete = |a: usize, b: usize| (0..psi[a].len()).any(|m| psi[a][m] > T::ZERO && psi[b][m] > T::ZERO);
+    let mut clusters: Vec<Vec<usize>> = Vec::new();
+    for k in 0..psi.len() {
+        // Feature k joins all clusters it competes with into one.
+        let (mut joined, apart): (Vec<_>, Vec<_>) =
+            clusters.into_iter().partition(|cluster| cluster.iter().any(|&other| compete(k, other)));
+        joined.push(vec![k]);
+        clusters = apart;
+        clusters.push(joined.concat());
+    }
+    for cluster in &mut clusters {
+        cluster.sort_unstable();
+    }
+    clusters
 }
 
 /// psi_km; zero outside the gate.
@@ -199,11 +258,16 @@ fn discount_later_arrivals<T: Real>(psi: &mut [T], measurements: &[Measurement<T
 }
 
 impl<T: Real> Beliefs<T> {
-    /// The most probable association, greedily: the most probable pair of feature and measurement first, as long as it
-    /// is more probable than that the feature was missed. Per feature, the index of its measurement.
+    /// The most probable association: the joint one where the cluster was solved exactly; else greedily, the most
+    /// probable pair of feature and measurement first, as long as it is more probable than that the feature was missed.
+    /// Per feature, the index of its measurement.
     pub fn most_probable(&self) -> Vec<Option<usize>> {
         let columns = self.unassociated.len();
-        let mut choice = vec![None; self.features.len()];
+        let known = |belief: &Belief<T>| match belief.joint {
+            Joint::Measurement(m) => Some(m),
+            Joint::Missed | Joint::Unknown => None,
+        };
+        let mut choice: Vec<Option<usize>> = self.features.iter().map(known).collect();
         let mut taken = vec![false; columns];
         loop {
             let mut best: Option<(usize, usize)> = None;
@@ -211,7 +275,8 @@ impl<T: Real> Beliefs<T> {
             for k in 0..self.features.len() {
                 for m in 0..columns {
                     let p = self.features[k].associated[m];
-                    let free = choice[k].is_none() && !taken[m];
+                    let open = self.features[k].joint == Joint::Unknown && choice[k].is_none();
+                    let free = open && !taken[m];
                     // Order: the first of equals.
                     if free && p > self.features[k].missed && (best.is_none() || p > most) {
                         best = Some((k, m));

@@ -1,0 +1,302 @@
+//! Exact beliefs of one cluster: a recursion over its features that remembers only which contested measurements
+//! are used.
+//!
+//! The features stand in the order of their expected ranges, steps k = 0, 1, ... A measurement is open between the
+//! first and the last feature that can take it; only of the open ones it matters whether they are used. So the sum
+//! over all joint associations is one over paths through a trellis whose states s are sets of used measurements:
+//!
+//! B_k(s) = psi_k0 B_k+1(s) + sum_{m not in s} psi_km B_k+1(s + m), B_K = 1,
+//!
+//! and A_k(s) likewise from the first feature on. The marginals are
+//! p(b_k = m) ~ sum_{s without m} A_k(s) psi_km B_k+1(s + m). With the largest term in place of the sum, the best
+//! path is the joint association of greatest probability. Every step is divided by B_k(no measurement used), the
+//! largest of its states, so that all values stay near 1.
+//!
+//! Order: states count upwards as binary numbers, in which each open measurement has a bit, its seat: the lowest
+//! one free when it opens, after the seats of those that close have been freed. Within a state, "missed" comes
+//! first and then the measurements by index.
+
+use super::factors::{Rows, Stage};
+use super::{Beliefs, Joint};
+use crate::real::larger;
+use heapless::Vec;
+
+/// Values held at once: (features + 2) times the states of the widest step must fit. Six features that contest six
+/// measurements do, or thirty where no more than four are open at a time.
+pub(super) const STATES: usize = 512;
+/// Features of one cluster.
+const FEATURES: usize = 32;
+
+/// When a measurement of the cluster is open.
+#[derive(Clone, Copy, Debug)]
+struct Seat {
+    /// First and last step whose feature can take it.
+    first: usize,
+    last: usize,
+    /// Its bit; 0 where only one feature can take it.
+    bit: u32,
+}
+
+/// What a feature can do in one step: take a measurement.
+#[derive(Clone, Copy, Debug)]
+struct Taking {
+    measurement: usize,
+    psi: f32,
+    /// Its bit in the states before the step; 0 where it opens with it.
+    before: u32,
+    /// Its bit in the states after the step; 0 where it closes with it.
+    after: u32,
+}
+
+/// All a feature can do in one step.
+#[derive(Clone, Debug)]
+struct Step<const PATHS: usize> {
+    feature: usize,
+    absent: f32,
+    takings: Vec<Taking, PATHS>,
+    /// Bits of the measurements open before the step.
+    open: u32,
+    /// Those of them still open after it.
+    keep: u32,
+}
+
+/// Memory for one cluster after the other.
+#[derive(Clone, Debug)]
+pub(super) struct Trellis<const PATHS: usize> {
+    /// The cluster's features, by expected range.
+    features: Vec<usize, FEATURES>,
+    seats: [Option<Seat>; PATHS],
+    /// Bits open before each step.
+    open: Vec<u32, FEATURES>,
+    /// B_k(no measurement used) before it was divided by itself.
+    totals: [f32; FEATURES],
+    /// A_k(s) in layer k over B_k(s) in layer k + 1: when A_k+1 is written, B_k is no longer needed.
+    values: [f32; STATES],
+    /// Length of a layer.
+    layer: usize,
+}
+
+impl<const PATHS: usize> Trellis<PATHS> {
+    pub(super) fn new() -> Self {
+        Self {
+            features: Vec::new(),
+            seats: [None; PATHS],
+            open: Vec::new(),
+            totals: [1.0; FEATURES],
+            values: [0.0; STATES],
+            layer: 1,
+        }
+    }
+
+    /// Writes the beliefs of the cluster that is gathered in `rows`; false where it needs more than `limit` values
+    /// or its probabilities leave the range of `f32`.
+    #[inline(never)]
+    pub(super) fn solve<const VAS: usize>(
+        &mut self,
+        rows: &mut Rows<VAS, PATHS>,
+        beliefs: &mut Beliefs<VAS, PATHS>,
+        limit: usize,
+    ) -> bool {
+        if !(self.line_up(rows) && self.seat(rows, limit)) {
+            return false;
+        }
+        self.backward(rows, false);
+        if !self.forward(rows, beliefs) {
+            return false;
+        }
+        self.backward(rows, true);
+        self.follow(rows, beliefs);
+        true
+    }
+
+    /// Lists the gathered features by expected range; false where they are too many.
+    fn line_up<const VAS: usize>(&mut self, rows: &mut Rows<VAS, PATHS>) -> bool {
+        self.features.clear();
+        let mut all = true;
+        while let Some((feature, row)) = rows.shortest_gathered() {
+            row.stage = Stage::Listed;
+            all &= self.features.push(feature).is_ok();
+        }
+        all
+    }
+
+    /// Gives every contested measurement its seat; false where the states are too many.
+    fn seat<const VAS: usize>(&mut self, rows: &Rows<VAS, PATHS>, limit: usize) -> bool {
+        self.seats = [None; PATHS];
+        for (step, &feature) in self.features.iter().enumerate() {
+            let Some(row) = rows.get(feature) else { return false };
+            for (seat, &psi) in self.seats.iter_mut().zip(&row.psi) {
+                if psi > 0.0 {
+                    let first = seat.map_or(step, |seat| seat.first);
+                    *seat = Some(Seat { first, last: step, bit: 0 });
+                }
+            }
+        }
+        self.open.clear();
+        let (mut open, mut all) = (0_u32, 0_u32);
+        for step in 0..self.features.len() {
+            // Capacities are equal: every push succeeds.
+            let _ = self.open.push(open);
+            for seat in self.seats.iter().flatten().filter(|seat| seat.last == step) {
+                open &= !seat.bit;
+            }
+            for seat in self.seats.iter_mut().flatten().filter(|seat| seat.first == step && seat.last > step)
+            {
+                seat.bit = !open & open.wrapping_add(1);
+                open |= seat.bit;
+            }
+            all |= open;
+        }
+        // Seats are filled from below: the bits used are ones without gap.
+        self.layer = (all as usize).saturating_add(1);
+        self.layer.saturating_mul(self.features.len().saturating_add(2)) <= limit.min(STATES)
+    }
+
+    #[inline(never)]
+    fn step<const VAS: usize>(&self, rows: &Rows<VAS, PATHS>, step: usize) -> Option<Step<PATHS>> {
+        let &feature = self.features.get(step)?;
+        let row = rows.get(feature)?;
+        let &open = self.open.get(step)?;
+        let (mut keep, mut takings) = (open, Vec::new());
+        for (measurement, (seat, &psi)) in self.seats.iter().zip(&row.psi).enumerate() {
+            if let Some(seat) = seat
+                && psi > 0.0
+            {
+                let before = if seat.first == step { 0 } else { seat.bit };
+                let after = if seat.last == step { 0 } else { seat.bit };
+                if after == 0 {
+                    keep &= !before;
+                }
+                // Capacities are equal: every push succeeds.
+                let _ = takings.push(Taking { measurement, psi, before, after });
+            }
+        }
+        Some(Step { feature, absent: row.absent, takings, open, keep })
+    }
+
+    fn value(&self, layer: usize, state: u32) -> f32 {
+        let at = layer.wrapping_mul(self.layer).wrapping_add(state as usize);
+        self.values.get(at).copied().unwrap_or(0.0)
+    }
+
+    fn value_mut(&mut self, layer: usize, state: u32) -> Option<&mut f32> {
+        let at = layer.wrapping_mul(self.layer).wrapping_add(state as usize);
+        self.values.get_mut(at)
+    }
+
+    fn set(&mut self, layer: usize, state: u32, value: f32) {
+        if let Some(cell) = self.value_mut(layer, state) {
+            *cell = value;
+        }
+    }
+
+    /// B_k(s) of all steps, as sums or, for the `best` path alone, as largest terms.
+    #[inline(never)]
+    fn backward<const VAS: usize>(&mut self, rows: &Rows<VAS, PATHS>, best: bool) {
+        let steps = self.features.len();
+        self.set(steps + 1, 0, 1.0);
+        for k in (0..steps).rev() {
+            let Some(step) = self.step(rows, k) else { return };
+            let mut total = 1.0;
+            for state in subsets(step.open) {
+                let kept = state & step.keep;
+                let mut value = step.absent * self.value(k + 2, kept);
+                for taking in step.takings.iter().filter(|taking| state & taking.before == 0) {
+                    let term = taking.psi * self.value(k + 2, kept | taking.after);
+                    value = if best { larger(term, value) } else { value + term };
+                }
+                if state == 0 {
+                    total = value;
+                }
+                self.set(k + 1, state, value / total);
+            }
+            if let Some(kept) = self.totals.get_mut(k) {
+                *kept = total;
+            }
+        }
+    }
+
+    /// A_k(s) of all steps and the marginals; false where these lost their digits.
+    #[inline(never)]
+    fn forward<const VAS: usize>(
+        &mut self,
+        rows: &Rows<VAS, PATHS>,
+        beliefs: &mut Beliefs<VAS, PATHS>,
+    ) -> bool {
+        self.set(0, 0, 1.0);
+        for k in 0..self.features.len() {
+            let Some(step) = self.step(rows, k) else { return false };
+            let Some(belief) = beliefs.get_mut(step.feature) else { return false };
+            for state in subsets(self.open.get(k + 1).copied().unwrap_or(0)) {
+                self.set(k + 1, state, 0.0);
+            }
+            let total = self.totals.get(k).copied().unwrap_or(1.0);
+            let mut missed = 0.0;
+            for state in subsets(step.open) {
+                let kept = state & step.keep;
+                let reached = self.value(k, state) / total;
+                missed += self.carry(k, kept, reached * step.absent);
+                for taking in step.takings.iter().filter(|taking| state & taking.before == 0) {
+                    let mass = self.carry(k, kept | taking.after, reached * taking.psi);
+                    if let Some(p) = belief.associated.get_mut(taking.measurement) {
+                        *p += mass;
+                    }
+                }
+            }
+            let mut sum = missed;
+            for p in &belief.associated {
+                sum += p;
+            }
+            // The divisions by the totals make it 1 but for rounding.
+            if !(sum > 0.5 && sum < 2.0) {
+                return false;
+            }
+            belief.missed = missed / sum;
+            for p in &mut belief.associated {
+                *p /= sum;
+            }
+        }
+        true
+    }
+
+    /// Adds `weight` to A_k+1(`state`) and returns weight times B_k+1(`state`).
+    fn carry(&mut self, k: usize, state: u32, weight: f32) -> f32 {
+        if let Some(reached) = self.value_mut(k + 1, state) {
+            *reached += weight;
+        }
+        weight * self.value(k + 2, state)
+    }
+
+    /// Writes the best path; of equals, the first.
+    #[inline(never)]
+    fn follow<const VAS: usize>(&self, rows: &Rows<VAS, PATHS>, beliefs: &mut Beliefs<VAS, PATHS>) {
+        let mut state = 0;
+        for k in 0..self.features.len() {
+            let Some(step) = self.step(rows, k) else { return };
+            let kept = state & step.keep;
+            let mut joint = Joint::Missed;
+            let mut most = step.absent * self.value(k + 2, kept);
+            let mut next = kept;
+            for taking in step.takings.iter().filter(|taking| state & taking.before == 0) {
+                let after = kept | taking.after;
+                let term = taking.psi * self.value(k + 2, after);
+                if term > most {
+                    (joint, most, next) = (Joint::Measurement(taking.measurement), term, after);
+                }
+            }
+            if let Some(belief) = beliefs.get_mut(step.feature) {
+                belief.joint = joint;
+            }
+            state = next;
+        }
+    }
+}
+
+/// All subsets of the ones in `bits`, upwards.
+fn subsets(bits: u32) -> impl Iterator<Item = u32> {
+    core::iter::successors(Some(0), move |&subset: &u32| {
+        // The next number once the bits that must stay zero are jumped over; after the last one comes zero.
+        let next = subset.wrapping_sub(bits) & bits;
+        (next != 0).then_some(next)
+    })
+}

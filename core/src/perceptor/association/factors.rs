@@ -1,0 +1,178 @@
+//! The factors of the features of one anchor, and which features compete for the same measurements.
+
+use super::{Clutter, Expectation, Measurement};
+use crate::real::{exp, larger, sqrt};
+use heapless::Vec;
+
+/// Beyond this many standard deviations a measurement cannot belong to a feature.
+const GATE: f32 = 4.0;
+
+/// How a feature's beliefs are formed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stage {
+    /// Not decided yet.
+    Waiting,
+    /// A member of the cluster at hand.
+    Gathered,
+    /// A member of it that has taken its place in the order.
+    Listed,
+    /// With its whole cluster, exactly.
+    Exact,
+    /// By loopy belief propagation.
+    Loopy,
+}
+
+/// One feature's factors and, for belief propagation, its messages.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row<const PATHS: usize> {
+    pub(super) stage: Stage,
+    /// Expected range, metres.
+    pub(super) range_m: f32,
+    /// psi_k0.
+    pub(super) absent: f32,
+    /// psi_km.
+    pub(super) psi: [f32; PATHS],
+    /// Bit m is set where psi_km is above zero.
+    pub(super) gated: u32,
+    /// Messages from the measurements.
+    pub(super) nu: [f32; PATHS],
+    /// Messages to the measurements.
+    pub(super) mu: [f32; PATHS],
+    /// Running sum over the rows before this one.
+    pub(super) above: [f32; PATHS],
+}
+
+impl<const PATHS: usize> Row<PATHS> {
+    fn new(expectation: &Expectation, measurements: &Vec<Measurement, PATHS>, clutter: &Clutter) -> Self {
+        let mut psi = [0.0; PATHS];
+        let scale = expectation.existence * expectation.detection / clutter.all_per_m;
+        for (factor, measurement) in psi.iter_mut().zip(measurements) {
+            let innovation = measurement.range_m - expectation.range_m;
+            let variance = expectation.variance_m2 + measurement.variance_m2;
+            let nis = innovation * innovation / variance;
+            if nis < GATE * GATE {
+                *factor = scale * exp(-0.5 * nis) / sqrt(crate::real::TAU * variance);
+            }
+        }
+        let absent = expectation.existence * (1.0 - expectation.detection) + (1.0 - expectation.existence);
+        Self {
+            stage: Stage::Waiting,
+            range_m: expectation.range_m,
+            // A feature that cannot be missed would leave no room for lost paths.
+            absent: larger(absent, 1e-6),
+            psi,
+            gated: 0,
+            nu: [1.0; PATHS],
+            mu: [0.0; PATHS],
+            above: [0.0; PATHS],
+        }
+    }
+
+    /// First-arrival rule (see the head of [`super`]); two deviations count as clearly shorter.
+    fn discount_later_arrivals(&mut self, measurements: &Vec<Measurement, PATHS>, clutter: &Clutter) {
+        let cost = clutter.false_alarms_per_m / clutter.all_per_m;
+        for (factor, measurement) in self.psi.iter_mut().zip(measurements) {
+            let clearly_shorter = measurement.range_m - 2.0 * sqrt(measurement.variance_m2);
+            for other in measurements {
+                if other.range_m < clearly_shorter {
+                    *factor *= cost;
+                }
+            }
+        }
+    }
+}
+
+/// The features of one anchor: number 0 is the direct path, the virtual anchors follow in the order given.
+#[derive(Clone, Debug)]
+pub(super) struct Rows<const VAS: usize, const PATHS: usize> {
+    pub(super) direct: Row<PATHS>,
+    pub(super) virtual_anchors: Vec<Row<PATHS>, VAS>,
+}
+
+impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
+    pub(super) fn new(
+        direct: &Expectation,
+        virtual_anchors: &Vec<Expectation, VAS>,
+        measurements: &Vec<Measurement, PATHS>,
+        clutter: &Clutter,
+    ) -> Self {
+        const { assert!(PATHS <= 32, "sets of measurements are 32 bits") };
+        let mut rows = Self { direct: Row::new(direct, measurements, clutter), virtual_anchors: Vec::new() };
+        rows.direct.discount_later_arrivals(measurements, clutter);
+        for expectation in virtual_anchors {
+            // Capacities are equal: every push succeeds.
+            let _ = rows.virtual_anchors.push(Row::new(expectation, measurements, clutter));
+        }
+        for row in rows.iter_mut() {
+            let mut bit = 1_u32;
+            for &psi in &row.psi {
+                if psi > 0.0 {
+                    row.gated |= bit;
+                }
+                bit = bit.wrapping_add(bit);
+            }
+        }
+        rows
+    }
+
+    pub(super) fn iter(&self) -> impl DoubleEndedIterator<Item = &Row<PATHS>> {
+        core::iter::once(&self.direct).chain(&self.virtual_anchors)
+    }
+
+    pub(super) fn iter_mut(&mut self) -> impl DoubleEndedIterator<Item = &mut Row<PATHS>> {
+        core::iter::once(&mut self.direct).chain(&mut self.virtual_anchors)
+    }
+
+    pub(super) fn get(&self, feature: usize) -> Option<&Row<PATHS>> {
+        match feature.checked_sub(1) {
+            None => Some(&self.direct),
+            Some(slot) => self.virtual_anchors.get(slot),
+        }
+    }
+
+    /// Marks the members of one more cluster as gathered; false where no feature waits any more.
+    ///
+    /// Two features are of one cluster where a measurement is within the gates of both, or a chain of such pairs
+    /// joins them.
+    pub(super) fn gather_cluster(&mut self) -> bool {
+        let mut measurements = None;
+        loop {
+            let mut grown = false;
+            for row in self.iter_mut().filter(|row| row.stage == Stage::Waiting) {
+                let joined = match measurements {
+                    None => Some(row.gated),
+                    Some(members) if members & row.gated != 0 => Some(members | row.gated),
+                    Some(_) => None,
+                };
+                if joined.is_some() {
+                    measurements = joined;
+                    row.stage = Stage::Gathered;
+                    grown = true;
+                }
+            }
+            if !grown {
+                return measurements.is_some();
+            }
+        }
+    }
+
+    /// Ends the work on the cluster at hand.
+    pub(super) fn settle_cluster(&mut self, stage: Stage) {
+        for row in self.iter_mut().filter(|row| matches!(row.stage, Stage::Gathered | Stage::Listed)) {
+            row.stage = stage;
+        }
+    }
+
+    /// The gathered feature with the shortest expected range, the first of equals.
+    pub(super) fn shortest_gathered(&mut self) -> Option<(usize, &mut Row<PATHS>)> {
+        let mut shortest: Option<(usize, &mut Row<PATHS>)> = None;
+        for (feature, row) in self.iter_mut().enumerate() {
+            if row.stage == Stage::Gathered
+                && shortest.as_ref().is_none_or(|(_, least)| row.range_m < least.range_m)
+            {
+                shortest = Some((feature, row));
+            }
+        }
+        shortest
+    }
+}

@@ -1,0 +1,493 @@
+//! Association: which measurement belongs to which virtual anchor.
+//!
+//! For one anchor, K features (its direct path and its virtual anchors) face M measurements. Each feature gives
+//! rise to at most one measurement and each measurement comes from at most one feature; the rest is clutter. A
+//! joint association b has the probability ~ prod_k psi_{k, b_k}, with
+//!
+//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / lambda, 0 beyond the gate.
+//!
+//! Features that compete for measurements form clusters, each a problem of its own. A cluster is solved exactly
+//! (marginals and the most probable joint association) as long as the fixed memory suffices, which covers all of
+//! three features by three measurements and nearly all that occur; the others go through loopy belief propagation.
+//!
+//! The direct path is the shortest: measurements below it can only be false alarms, not paths of virtual
+//! anchors yet unmapped. With lambda the intensity of both and lambda_fa that of false alarms alone, each
+//! measurement clearly shorter than m costs the hypothesis "m is the direct path" a factor lambda_fa / lambda.
+
+mod belief_propagation;
+mod exact;
+mod factors;
+
+use crate::real::larger;
+use exact::{STATES, Trellis};
+use factors::{Rows, Stage};
+use heapless::Vec;
+
+/// A measurement as association and filter see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Measurement {
+    /// Distance, metres.
+    pub range_m: f32,
+    /// Variance, square metres.
+    pub variance_m2: f32,
+    /// Component SINR where the measurement is an estimated path; 0 where nothing is known of it.
+    pub sinr: f32,
+    /// Energy of the path, squared unit of the samples; 0 where nothing is known of it.
+    pub energy: f32,
+}
+
+/// What is expected of one feature before the measurements arrive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expectation {
+    /// Expected range, metres.
+    pub range_m: f32,
+    /// Variance of the expected range, square metres, measurement noise not included.
+    pub variance_m2: f32,
+    /// Probability that the feature exists.
+    pub existence: f32,
+    /// Probability that an existing feature is detected.
+    pub detection: f32,
+}
+
+/// Intensities of measurements that come from no known feature, per metre of range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Clutter {
+    /// False alarms.
+    pub false_alarms_per_m: f32,
+    /// False alarms and paths of virtual anchors not in the map.
+    pub all_per_m: f32,
+}
+
+/// Which association the state filter gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Mode {
+    /// Every measurement, weighted by its association probability (the default: a wrong hard decision between
+    /// two close features costs more than a blurred one).
+    Soft,
+    /// The most probable joint association (as published); in clusters too large for it, the most probable pairs
+    /// first, conflicts repaired greedily.
+    Map,
+}
+
+/// What the most probable joint association of its cluster gives a feature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Joint {
+    /// The cluster was too large to tell.
+    Unknown,
+    /// No measurement.
+    Missed,
+    /// The measurement of this index.
+    Measurement(usize),
+}
+
+/// Beliefs about one feature.
+#[derive(Clone, Copy, Debug)]
+pub struct Belief<const PATHS: usize> {
+    /// p(b = 0): the feature gave no measurement.
+    pub missed: f32,
+    /// p(b = m) for measurement m.
+    pub associated: [f32; PATHS],
+    /// Posterior probability that the feature exists.
+    pub existence: f32,
+    /// Its part in the most probable joint association.
+    pub joint: Joint,
+}
+
+/// The outcome for one anchor: `direct` path first, then its virtual anchors in the order given.
+#[derive(Clone, Debug)]
+pub struct Beliefs<const VAS: usize, const PATHS: usize> {
+    /// The physical anchor's direct path.
+    pub direct: Belief<PATHS>,
+    /// The anchor's virtual anchors, in the order given.
+    pub virtual_anchors: Vec<Belief<PATHS>, VAS>,
+    /// Probability that measurement m comes from no known feature.
+    pub unassociated: [f32; PATHS],
+    /// Iterations of belief propagation; 0 where every cluster was solved exactly.
+    pub iterations: usize,
+}
+
+impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
+    /// Beliefs of all features, the direct path first.
+    pub fn features(&self) -> impl Iterator<Item = &Belief<PATHS>> {
+        core::iter::once(&self.direct).chain(self.virtual_anchors.iter())
+    }
+
+    fn get_mut(&mut self, feature: usize) -> Option<&mut Belief<PATHS>> {
+        match feature.checked_sub(1) {
+            None => Some(&mut self.direct),
+            Some(slot) => self.virtual_anchors.get_mut(slot),
+        }
+    }
+
+    /// The most probable association: the joint one where the cluster was solved exactly. Among the other features,
+    /// pair by pair in decreasing certainty, each takes its most probable measurement not taken yet if that is more
+    /// probable than having none.
+    ///
+    /// Returns, per feature (the direct path first), the index of its measurement.
+    pub fn most_probable(&self) -> (Option<usize>, Vec<Option<usize>, VAS>) {
+        let known = |belief: &Belief<PATHS>| match belief.joint {
+            Joint::Measurement(m) => Some(m),
+            Joint::Missed | Joint::Unknown => None,
+        };
+        let mut direct = known(&self.direct);
+        let mut virtual_anchors: Vec<Option<usize>, VAS> = Vec::new();
+        for belief in &self.virtual_anchors {
+            // Capacities are equal: every push succeeds.
+            let _ = virtual_anchors.push(known(belief));
+        }
+        let mut taken = [false; PATHS];
+        // Each pass assigns the most certain free pair; the loop ends when no pair beats its feature's "missed".
+        for _ in 0..PATHS {
+            let mut best: Option<(usize, usize, f32)> = None;
+            for (k, belief) in self.features().enumerate() {
+                let assigned = match k.checked_sub(1) {
+                    None => direct.is_some(),
+                    Some(slot) => virtual_anchors.get(slot).is_some_and(Option::is_some),
+                };
+                if assigned || belief.joint != Joint::Unknown {
+                    continue;
+                }
+                for (m, (&p, &is_taken)) in belief.associated.iter().zip(&taken).enumerate() {
+                    if !is_taken && p > belief.missed && best.is_none_or(|(_, _, most)| p > most) {
+                        best = Some((k, m, p));
+                    }
+                }
+            }
+            let Some((k, m, _)) = best else { break };
+            if let Some(flag) = taken.get_mut(m) {
+                *flag = true;
+            }
+            match k.checked_sub(1) {
+                None => direct = Some(m),
+                Some(slot) => {
+                    if let Some(choice) = virtual_anchors.get_mut(slot) {
+                        *choice = Some(m);
+                    }
+                }
+            }
+        }
+        (direct, virtual_anchors)
+    }
+}
+
+impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
+    /// Replaces the association probabilities by the most probable association: ones and zeros. Existence
+    /// stays what the soft beliefs made it.
+    pub fn harden(&mut self) {
+        let (direct, virtual_anchors) = self.most_probable();
+        let harden = |belief: &mut Belief<PATHS>, choice: Option<usize>| {
+            belief.missed = if choice.is_some() { 0.0 } else { 1.0 };
+            for (m, p) in belief.associated.iter_mut().enumerate() {
+                *p = if choice == Some(m) { 1.0 } else { 0.0 };
+            }
+        };
+        harden(&mut self.direct, direct);
+        for (belief, choice) in self.virtual_anchors.iter_mut().zip(&virtual_anchors) {
+            harden(belief, *choice);
+        }
+    }
+}
+
+/// Associates one anchor's `measurements` with its direct path and its virtual anchors.
+pub fn associate<const VAS: usize, const PATHS: usize>(
+    direct: &Expectation,
+    virtual_anchors: &Vec<Expectation, VAS>,
+    measurements: &Vec<Measurement, PATHS>,
+    clutter: &Clutter,
+) -> Beliefs<VAS, PATHS> {
+    associate_within(direct, virtual_anchors, measurements, clutter, STATES)
+}
+
+/// As [`associate`]; clusters that need more than `limit` values for an exact solution are not given one.
+fn associate_within<const VAS: usize, const PATHS: usize>(
+    direct: &Expectation,
+    virtual_anchors: &Vec<Expectation, VAS>,
+    measurements: &Vec<Measurement, PATHS>,
+    clutter: &Clutter,
+    limit: usize,
+) -> Beliefs<VAS, PATHS> {
+    let count = measurements.len();
+    let mut rows = Rows::new(direct, virtual_anchors, measurements, clutter);
+    let blank = Belief { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown };
+    let mut beliefs =
+        Beliefs { direct: blank, virtual_anchors: Vec::new(), unassociated: [0.0; PATHS], iterations: 0 };
+    for _ in virtual_anchors {
+        // Capacities are equal: every push succeeds.
+        let _ = beliefs.virtual_anchors.push(blank);
+    }
+    let mut trellis = Trellis::new();
+    while rows.gather_cluster() {
+        let solved = trellis.solve(&mut rows, &mut beliefs, limit);
+        rows.settle_cluster(if solved { Stage::Exact } else { Stage::Loopy });
+    }
+    beliefs.iterations = rows.propagate(count);
+    beliefs.conclude(&rows, direct, virtual_anchors, count);
+    beliefs
+}
+
+impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
+    /// Fills in what the exact solution leaves: marginals of loopy features, existence, and what is unassociated.
+    fn conclude(
+        &mut self,
+        rows: &Rows<VAS, PATHS>,
+        direct: &Expectation,
+        virtual_anchors: &Vec<Expectation, VAS>,
+        count: usize,
+    ) {
+        for free in self.unassociated.iter_mut().take(count) {
+            *free = 1.0;
+        }
+        let mut loopy = [0.0; PATHS];
+        let expectations = core::iter::once(direct).chain(virtual_anchors);
+        let beliefs = core::iter::once(&mut self.direct).chain(&mut self.virtual_anchors);
+        for ((row, belief), expectation) in rows.iter().zip(beliefs).zip(expectations) {
+            if row.stage == Stage::Loopy {
+                row.conclude(belief, count);
+                for (sum, mu) in loopy.iter_mut().zip(&row.mu).take(count) {
+                    *sum += mu;
+                }
+            } else {
+                for (free, p) in self.unassociated.iter_mut().zip(&belief.associated).take(count) {
+                    *free -= p;
+                }
+            }
+            // Of the mass on "missed", the part in which the feature exists but was not detected.
+            let undetected = expectation.existence * (1.0 - expectation.detection) / row.absent;
+            belief.existence = 1.0 - belief.missed * (1.0 - undetected);
+        }
+        // A measurement belongs to one cluster, so that one of the two leaves it as it was.
+        for (free, sum) in self.unassociated.iter_mut().zip(&loopy).take(count) {
+            *free = larger(*free, 0.0) / (1.0 + sum);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn expectation(range_m: f32, deviation_m: f32) -> Expectation {
+        Expectation { range_m, variance_m2: deviation_m * deviation_m, existence: 1.0, detection: 0.95 }
+    }
+
+    fn measurement(range_m: f32, deviation_m: f32) -> Measurement {
+        Measurement { range_m, variance_m2: deviation_m * deviation_m, sinr: 0.0, energy: 0.0 }
+    }
+
+    /// Joint associations of one problem, enumerated one by one in f64.
+    struct Enumeration {
+        /// p(b_k = 0), then p(b_k = m), per feature.
+        marginals: std::vec::Vec<std::vec::Vec<f64>>,
+        /// Per measurement, the probability that no feature has it.
+        unassociated: std::vec::Vec<f64>,
+        best: std::vec::Vec<Option<usize>>,
+    }
+
+    impl Enumeration {
+        fn new(features: &[Expectation], measurements: &[Measurement], density: f64) -> Self {
+            let columns = measurements.len();
+            let rows = features.iter().map(|feature| {
+                let (existence, detection) = (f64::from(feature.existence), f64::from(feature.detection));
+                let missed = existence * (1.0 - detection) + (1.0 - existence);
+                let taken = measurements.iter().map(move |z| {
+                    let variance = f64::from(feature.variance_m2) + f64::from(z.variance_m2);
+                    let nis = (f64::from(z.range_m) - f64::from(feature.range_m)).powi(2) / variance;
+                    let density_at = (-0.5 * nis).exp() / (core::f64::consts::TAU * variance).sqrt();
+                    if nis < 16.0 { existence * detection * density_at / density } else { 0.0 }
+                });
+                core::iter::once(missed).chain(taken).collect()
+            });
+            let rows: std::vec::Vec<std::vec::Vec<f64>> = rows.collect();
+            let mut found = Self {
+                marginals: std::vec![std::vec![0.0; columns + 1]; rows.len()],
+                unassociated: std::vec![0.0; columns],
+                best: std::vec![None; rows.len()],
+            };
+            let (mut total, mut most) = (0.0, 0.0);
+            found.descend(&rows, &mut std::vec::Vec::new(), 1.0, &mut total, &mut most);
+            found.marginals.iter_mut().flatten().chain(&mut found.unassociated).for_each(|p| *p /= total);
+            found
+        }
+
+        fn descend(
+            &mut self,
+            rows: &[std::vec::Vec<f64>],
+            choices: &mut std::vec::Vec<usize>,
+            weight: f64,
+            total: &mut f64,
+            most: &mut f64,
+        ) {
+            let Some(row) = rows.get(choices.len()) else {
+                *total += weight;
+                if weight > *most {
+                    *most = weight;
+                    self.best = choices.iter().map(|choice| choice.checked_sub(1)).collect();
+                }
+                for (marginals, &choice) in self.marginals.iter_mut().zip(&*choices) {
+                    marginals[choice] += weight;
+                }
+                for (m, free) in self.unassociated.iter_mut().enumerate() {
+                    if !choices.contains(&(m + 1)) {
+                        *free += weight;
+                    }
+                }
+                return;
+            };
+            for (choice, &factor) in row.iter().enumerate() {
+                if factor > 0.0 && (choice == 0 || !choices.contains(&choice)) {
+                    choices.push(choice);
+                    self.descend(rows, choices, weight * factor, total, most);
+                    choices.pop();
+                }
+            }
+        }
+    }
+
+    /// How well association agreed with enumeration over many problems.
+    #[derive(Debug)]
+    struct Agreement {
+        /// Shares of the problems: the most probable association is the joint one; no cluster was too large.
+        best: f64,
+        exact: f64,
+        /// Largest error of any probability of a problem: sorted.
+        errors: std::vec::Vec<f64>,
+    }
+
+    impl Agreement {
+        fn quantile(&self, q: f64) -> f64 {
+            self.errors[(q * (self.errors.len() - 1) as f64) as usize]
+        }
+    }
+
+    /// Problems of `K` features spread evenly over `span_m`, all detected with a deviation of 0.1 m, and one false
+    /// alarm; each solved within `limit`.
+    fn agreement<const K: usize, const M: usize>(problems: usize, span_m: f64, limit: usize) -> Agreement {
+        let mut state = 1_u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let density = 1.0 / 30.0;
+        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
+        let (mut best, mut exact, mut errors) = (0, 0, std::vec::Vec::new());
+        for _ in 0..problems {
+            let mut features = [expectation(0.0, 0.0); K];
+            let mut measurements: Vec<Measurement, M> = Vec::new();
+            for feature in &mut features {
+                feature.range_m = (1.0 + span_m * uniform()) as f32;
+                let normal =
+                    (-2.0 * (1.0 - uniform()).ln()).sqrt() * (core::f64::consts::TAU * uniform()).cos();
+                measurements.push(measurement(feature.range_m + (0.1 * normal) as f32, 0.1)).unwrap();
+            }
+            measurements.push(measurement((1.0 + span_m * uniform()) as f32, 0.1)).unwrap();
+            let (direct, others) = features.split_first().unwrap();
+            let others: Vec<Expectation, K> = others.iter().copied().collect();
+            let beliefs = associate_within(direct, &others, &measurements, &clutter, limit);
+            let truth = Enumeration::new(&features, &measurements, f64::from(density));
+            let (first, rest) = beliefs.most_probable();
+            let choices: std::vec::Vec<_> = core::iter::once(first).chain(rest.iter().copied()).collect();
+            best += usize::from(choices == truth.best);
+            exact += usize::from(beliefs.iterations == 0);
+            let mut error: f64 = 0.0;
+            for (belief, marginals) in beliefs.features().zip(&truth.marginals) {
+                for (p, q) in core::iter::once(&belief.missed).chain(&belief.associated).zip(marginals) {
+                    error = error.max((f64::from(*p) - q).abs());
+                }
+            }
+            for (p, q) in beliefs.unassociated.iter().zip(&truth.unassociated) {
+                error = error.max((f64::from(*p) - q).abs());
+            }
+            errors.push(error);
+        }
+        errors.sort_unstable_by(f64::total_cmp);
+        Agreement { best: best as f64 / problems as f64, exact: exact as f64 / problems as f64, errors }
+    }
+
+    fn print(title: &str, found: &Agreement) {
+        std::println!(
+            "{title}: most probable association is the joint one in {:.2} %, all clusters exact in {:.2} %; \
+             probabilities off by {:.1e} (median), {:.1e} (90 %), {:.1e} (at most)",
+            100.0 * found.best,
+            100.0 * found.exact,
+            found.quantile(0.5),
+            found.quantile(0.9),
+            found.quantile(1.0)
+        );
+    }
+
+    #[test]
+    fn exact_clusters_agree_with_enumeration_and_messages_nearly() {
+        let exact = agreement::<5, 6>(10_000, 10.0, STATES);
+        let small = agreement::<5, 6>(10_000, 10.0, 40);
+        let loopy = agreement::<5, 6>(10_000, 10.0, 0);
+        print("exact", &exact);
+        print("exact up to 3 x 3", &small);
+        print("messages alone", &loopy);
+        assert!(exact.best >= 0.9999 && exact.quantile(1.0) < 1e-4, "{}", exact.best);
+        assert_eq!(exact.exact, 1.0);
+        assert!(small.best >= 0.99, "{}", small.best);
+        assert!(loopy.best >= 0.97 && loopy.exact == 0.0, "{}", loopy.best);
+    }
+
+    #[test]
+    fn crowded_clusters_agree_with_enumeration_where_memory_suffices() {
+        let found = agreement::<7, 8>(300, 3.0, STATES);
+        let loopy = agreement::<7, 8>(300, 3.0, 0);
+        print("crowded", &found);
+        print("crowded, messages alone", &loopy);
+        assert!(found.exact > 0.95 && found.best >= found.exact, "{} {}", found.exact, found.best);
+        assert!(found.quantile(0.9) < 1e-6, "{}", found.quantile(0.9));
+        assert!(loopy.best < 0.95, "messages alone do as well: {}", loopy.best);
+    }
+
+    #[test]
+    fn the_published_vector_is_reproduced() {
+        // Deviations differ per feature there, so each feature's own is moved into its prior variance.
+        let features = [(3.0, 0.02, 0.03), (5.2, 0.05, 0.05), (5.6, 0.05, 0.08)];
+        let z = [3.02, 5.38, 9.0];
+        let base = 0.01;
+        let with = |(range, prior, noise): (f32, f32, f32)| Expectation {
+            variance_m2: prior * prior + noise * noise - base * base,
+            ..expectation(range, 0.0)
+        };
+        let mut others: Vec<Expectation, 4> = Vec::new();
+        others.push(with(features[1])).unwrap();
+        others.push(with(features[2])).unwrap();
+        let mut measurements: Vec<Measurement, 4> = Vec::new();
+        for range in z {
+            measurements.push(measurement(range, base)).unwrap();
+        }
+        let density = 1.0 / 30.0;
+        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
+        let beliefs = associate(&with(features[0]), &others, &measurements, &clutter);
+        let expected =
+            [[0.000185, 0.999815, 0.0, 0.0], [0.559434, 0.0, 0.440566, 0.0], [0.444064, 0.0, 0.555936, 0.0]];
+        for (belief, row) in beliefs.features().zip(expected) {
+            assert!((belief.missed - row[0]).abs() < 1e-5, "{} {}", belief.missed, row[0]);
+            for (p, q) in belief.associated.iter().zip(&row[1..]) {
+                assert!((p - q).abs() < 1e-5, "{p} {q}");
+            }
+        }
+        for (p, q) in beliefs.unassociated.iter().zip([0.000185, 0.003498, 1.0]) {
+            assert!((p - q).abs() < 1e-5, "{p} {q}");
+        }
+        let (direct, rest) = beliefs.most_probable();
+        assert_eq!((direct, rest.as_slice()), (Some(0), [None, Some(1)].as_slice()));
+    }
+
+    #[test]
+    fn without_measurements_existence_decays_and_nothing_is_associated() {
+        let direct = Expectation { existence: 1.0, ..expectation(3.0, 0.1) };
+        let mut others: Vec<Expectation, 2> = Vec::new();
+        others.push(Expectation { existence: 0.5, ..expectation(4.0, 0.1) }).unwrap();
+        let clutter = Clutter { false_alarms_per_m: 0.03, all_per_m: 0.03 };
+        let beliefs = associate::<2, 4>(&direct, &others, &Vec::new(), &clutter);
+        assert_eq!(beliefs.direct.missed, 1.0);
+        let exact = 0.5 * 0.05 / (0.5 * 0.05 + 0.5);
+        assert!((beliefs.virtual_anchors[0].existence - exact).abs() < 1e-6);
+        assert_eq!(beliefs.most_probable().0, None);
+    }
+}
