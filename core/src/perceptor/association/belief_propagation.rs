@@ -62,6 +62,7 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
 
 impl<const PATHS: usize> Row<PATHS> {
     /// The messages mu from this feature to every measurement.
+    #[inline(never)]
     fn send_to_measurements(&mut self, count: usize) {
         let mut before = self.absent;
         for ((mu, psi), nu) in self.mu.iter_mut().zip(&self.psi).zip(&self.nu).take(count) {
@@ -77,6 +78,7 @@ impl<const PATHS: usize> Row<PATHS> {
     }
 
     /// Writes the marginals that the messages give.
+    #[inline(never)]
     pub(super) fn conclude(&self, belief: &mut Belief<PATHS>, count: usize) {
         let mut sum = self.absent;
         for ((p, psi), nu) in belief.associated.iter_mut().zip(&self.psi).zip(&self.nu).take(count) {

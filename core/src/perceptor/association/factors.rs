@@ -43,6 +43,7 @@ pub(super) struct Row<const PATHS: usize> {
 }
 
 impl<const PATHS: usize> Row<PATHS> {
+    #[inline(never)]
     fn new(expectation: &Expectation, measurements: &Vec<Measurement, PATHS>, clutter: &Clutter) -> Self {
         let mut psi = [0.0; PATHS];
         let scale = expectation.existence * expectation.detection / clutter.all_per_m;
@@ -68,6 +69,17 @@ impl<const PATHS: usize> Row<PATHS> {
         }
     }
 
+    #[inline(never)]
+    fn mark_gated(&mut self) {
+        let mut bit = 1_u32;
+        for &psi in &self.psi {
+            if psi > 0.0 {
+                self.gated |= bit;
+            }
+            bit = bit.wrapping_add(bit);
+        }
+    }
+
     /// First-arrival rule (see the head of [`super`]); two deviations count as clearly shorter.
     fn discount_later_arrivals(&mut self, measurements: &Vec<Measurement, PATHS>, clutter: &Clutter) {
         let cost = clutter.false_alarms_per_m / clutter.all_per_m;
@@ -90,6 +102,7 @@ pub(super) struct Rows<const VAS: usize, const PATHS: usize> {
 }
 
 impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
+    #[inline(never)]
     pub(super) fn new(
         direct: &Expectation,
         virtual_anchors: &Vec<Expectation, VAS>,
@@ -104,13 +117,7 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
             let _ = rows.virtual_anchors.push(Row::new(expectation, measurements, clutter));
         }
         for row in rows.iter_mut() {
-            let mut bit = 1_u32;
-            for &psi in &row.psi {
-                if psi > 0.0 {
-                    row.gated |= bit;
-                }
-                bit = bit.wrapping_add(bit);
-            }
+            row.mark_gated();
         }
         rows
     }
@@ -134,6 +141,7 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
     ///
     /// Two features are of one cluster where a measurement is within the gates of both, or a chain of such pairs
     /// joins them.
+    #[inline(never)]
     pub(super) fn gather_cluster(&mut self) -> bool {
         let mut measurements = None;
         loop {
@@ -164,6 +172,7 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
     }
 
     /// The gathered feature with the shortest expected range, the first of equals.
+    #[inline(never)]
     pub(super) fn shortest_gathered(&mut self) -> Option<(usize, &mut Row<PATHS>)> {
         let mut shortest: Option<(usize, &mut Row<PATHS>)> = None;
         for (feature, row) in self.iter_mut().enumerate() {

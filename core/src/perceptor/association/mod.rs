@@ -127,6 +127,7 @@ impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
     /// probable than having none.
     ///
     /// Returns, per feature (the direct path first), the index of its measurement.
+    #[inline(never)]
     pub fn most_probable(&self) -> (Option<usize>, Vec<Option<usize>, VAS>) {
         let known = |belief: &Belief<PATHS>| match belief.joint {
             Joint::Measurement(m) => Some(m),
@@ -230,6 +231,7 @@ fn associate_within<const VAS: usize, const PATHS: usize>(
 
 impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
     /// Fills in what the exact solution leaves: marginals of loopy features, existence, and what is unassociated.
+    #[inline(never)]
     fn conclude(
         &mut self,
         rows: &Rows<VAS, PATHS>,
