@@ -5,7 +5,7 @@
 //! the terms before and after it, never by subtraction, so no digits are lost.
 
 use super::Belief;
-use super::factors::{Row, Rows, Stage};
+use super::factors::{Row, Rows, Stage, members};
 use crate::real::abs;
 
 /// Relative change of every message below which the iteration has converged.
@@ -14,17 +14,17 @@ const TOLERANCE: f32 = 1e-4;
 const ITERATIONS: usize = 60;
 
 impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
-    /// Exchanges messages between the loopy features and the first `count` measurements until they stand still;
-    /// returns the iterations used (zero where no feature is loopy).
+    /// Exchanges messages between the loopy features and the measurements within their gates until they stand
+    /// still; returns the iterations used (zero where no feature is loopy).
     #[inline(never)]
-    pub(super) fn propagate(&mut self, count: usize) -> usize {
+    pub(super) fn propagate(&mut self) -> usize {
         let mut iterations = 0;
         while iterations < ITERATIONS && self.loopy().next().is_some() {
             iterations += 1;
             for row in self.loopy() {
-                row.send_to_measurements(count);
+                row.send_to_measurements();
             }
-            if !self.send_to_features(count) {
+            if !self.send_to_features() {
                 break;
             }
         }
@@ -36,24 +36,30 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
     }
 
     /// The messages nu from every measurement to every feature; true while any still moves.
-    fn send_to_features(&mut self, count: usize) -> bool {
+    fn send_to_features(&mut self) -> bool {
         let mut sums = [1.0; PATHS];
         for row in self.loopy() {
-            for ((above, sum), mu) in row.above.iter_mut().zip(&mut sums).zip(&row.mu).take(count) {
-                *above = *sum;
-                *sum += mu;
+            for m in members(row.gated) {
+                if let (Some(above), Some(sum), Some(mu)) =
+                    (row.above.get_mut(m), sums.get_mut(m), row.mu.get(m))
+                {
+                    *above = *sum;
+                    *sum += mu;
+                }
             }
         }
         let mut below = [0.0; PATHS];
         let mut moving = false;
         for row in self.loopy().rev() {
-            for (((nu, above), sum), mu) in
-                row.nu.iter_mut().zip(&row.above).zip(&mut below).zip(&row.mu).take(count)
-            {
-                let next = 1.0 / (above + *sum);
-                moving |= abs(next - *nu) > TOLERANCE * *nu;
-                *nu = next;
-                *sum += mu;
+            for m in members(row.gated) {
+                let messages = row.nu.get_mut(m).zip(row.mu.get(m));
+                let sums = row.above.get(m).zip(below.get_mut(m));
+                if let (Some((nu, mu)), Some((above, sum))) = (messages, sums) {
+                    let next = 1.0 / (above + *sum);
+                    moving |= abs(next - *nu) > TOLERANCE * *nu;
+                    *nu = next;
+                    *sum += mu;
+                }
             }
         }
         moving
@@ -63,30 +69,39 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
 impl<const PATHS: usize> Row<PATHS> {
     /// The messages mu from this feature to every measurement.
     #[inline(never)]
-    fn send_to_measurements(&mut self, count: usize) {
+    fn send_to_measurements(&mut self) {
         let mut before = self.absent;
-        for ((mu, psi), nu) in self.mu.iter_mut().zip(&self.psi).zip(&self.nu).take(count) {
-            *mu = before;
-            before += psi * nu;
+        for m in members(self.gated) {
+            if let (Some(mu), Some(psi), Some(nu)) = (self.mu.get_mut(m), self.psi.get(m), self.nu.get(m)) {
+                *mu = before;
+                before += psi * nu;
+            }
         }
         let mut after = 0.0;
-        let reversed = self.mu.iter_mut().zip(&self.psi).zip(&self.nu).take(count);
-        for ((mu, psi), nu) in reversed.rev() {
-            *mu = psi / (*mu + after);
-            after += psi * nu;
+        for m in members(self.gated.reverse_bits()).map(|place| 31_usize.wrapping_sub(place)) {
+            if let (Some(mu), Some(psi), Some(nu)) = (self.mu.get_mut(m), self.psi.get(m), self.nu.get(m)) {
+                *mu = psi / (*mu + after);
+                after += psi * nu;
+            }
         }
     }
 
     /// Writes the marginals that the messages give.
     #[inline(never)]
-    pub(super) fn conclude(&self, belief: &mut Belief<PATHS>, count: usize) {
+    pub(super) fn conclude(&self, belief: &mut Belief<PATHS>) {
         let mut sum = self.absent;
-        for ((p, psi), nu) in belief.associated.iter_mut().zip(&self.psi).zip(&self.nu).take(count) {
-            *p = psi * nu;
-            sum += *p;
+        for m in members(self.gated) {
+            if let (Some(p), Some(psi), Some(nu)) =
+                (belief.associated.get_mut(m), self.psi.get(m), self.nu.get(m))
+            {
+                *p = psi * nu;
+                sum += *p;
+            }
         }
-        for p in belief.associated.iter_mut().take(count) {
-            *p /= sum;
+        for m in members(self.gated) {
+            if let Some(p) = belief.associated.get_mut(m) {
+                *p /= sum;
+            }
         }
         belief.missed = self.absent / sum;
     }

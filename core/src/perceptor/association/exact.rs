@@ -16,7 +16,7 @@
 //! one free when it opens, after the seats of those that close have been freed. Within a state, "missed" comes
 //! first and then the measurements by index.
 
-use super::factors::{Rows, Stage};
+use super::factors::{Rows, Stage, members};
 use super::{Beliefs, Joint};
 use crate::real::larger;
 use heapless::Vec;
@@ -65,7 +65,8 @@ struct Step<const PATHS: usize> {
 pub(super) struct Trellis<const PATHS: usize> {
     /// The cluster's features, by expected range.
     features: Vec<usize, FEATURES>,
-    seats: [Option<Seat>; PATHS],
+    /// Valid for the measurements of the cluster.
+    seats: [Seat; PATHS],
     /// Bits open before each step.
     open: Vec<u32, FEATURES>,
     /// B_k(no measurement used) before it was divided by itself.
@@ -80,7 +81,7 @@ impl<const PATHS: usize> Trellis<PATHS> {
     pub(super) fn new() -> Self {
         Self {
             features: Vec::new(),
-            seats: [None; PATHS],
+            seats: [Seat { first: 0, last: 0, bit: 0 }; PATHS],
             open: Vec::new(),
             totals: [1.0; FEATURES],
             values: [0.0; STATES],
@@ -122,28 +123,40 @@ impl<const PATHS: usize> Trellis<PATHS> {
 
     /// Gives every contested measurement its seat; false where the states are too many.
     fn seat<const VAS: usize>(&mut self, rows: &Rows<VAS, PATHS>, limit: usize) -> bool {
-        self.seats = [None; PATHS];
+        let mut seen = 0_u32;
         for (step, &feature) in self.features.iter().enumerate() {
             let Some(row) = rows.get(feature) else { return false };
-            for (seat, &psi) in self.seats.iter_mut().zip(&row.psi) {
-                if psi > 0.0 {
-                    let first = seat.map_or(step, |seat| seat.first);
-                    *seat = Some(Seat { first, last: step, bit: 0 });
+            for m in members(row.gated) {
+                let Some(seat) = self.seats.get_mut(m) else { return false };
+                seat.bit = 0;
+                seat.last = step;
+                if seen & 1_u32.wrapping_shl(m as u32) == 0 {
+                    seat.first = step;
                 }
             }
+            seen |= row.gated;
         }
         self.open.clear();
         let (mut open, mut all) = (0_u32, 0_u32);
-        for step in 0..self.features.len() {
+        for (step, &feature) in self.features.iter().enumerate() {
+            let Some(row) = rows.get(feature) else { return false };
             // Capacities are equal: every push succeeds.
             let _ = self.open.push(open);
-            for seat in self.seats.iter().flatten().filter(|seat| seat.last == step) {
-                open &= !seat.bit;
+            for m in members(row.gated) {
+                if let Some(seat) = self.seats.get(m)
+                    && seat.last == step
+                {
+                    open &= !seat.bit;
+                }
             }
-            for seat in self.seats.iter_mut().flatten().filter(|seat| seat.first == step && seat.last > step)
-            {
-                seat.bit = !open & open.wrapping_add(1);
-                open |= seat.bit;
+            for m in members(row.gated) {
+                if let Some(seat) = self.seats.get_mut(m)
+                    && seat.first == step
+                    && seat.last > step
+                {
+                    seat.bit = !open & open.wrapping_add(1);
+                    open |= seat.bit;
+                }
             }
             all |= open;
         }
@@ -158,18 +171,15 @@ impl<const PATHS: usize> Trellis<PATHS> {
         let row = rows.get(feature)?;
         let &open = self.open.get(step)?;
         let (mut keep, mut takings) = (open, Vec::new());
-        for (measurement, (seat, &psi)) in self.seats.iter().zip(&row.psi).enumerate() {
-            if let Some(seat) = seat
-                && psi > 0.0
-            {
-                let before = if seat.first == step { 0 } else { seat.bit };
-                let after = if seat.last == step { 0 } else { seat.bit };
-                if after == 0 {
-                    keep &= !before;
-                }
-                // Capacities are equal: every push succeeds.
-                let _ = takings.push(Taking { measurement, psi, before, after });
+        for measurement in members(row.gated) {
+            let (seat, &psi) = (self.seats.get(measurement)?, row.psi.get(measurement)?);
+            let before = if seat.first == step { 0 } else { seat.bit };
+            let after = if seat.last == step { 0 } else { seat.bit };
+            if after == 0 {
+                keep &= !before;
             }
+            // Capacities are equal: every push succeeds.
+            let _ = takings.push(Taking { measurement, psi, before, after });
         }
         Some(Step { feature, absent: row.absent, takings, open, keep })
     }
@@ -244,16 +254,18 @@ impl<const PATHS: usize> Trellis<PATHS> {
                 }
             }
             let mut sum = missed;
-            for p in &belief.associated {
-                sum += p;
+            for taking in &step.takings {
+                sum += belief.associated.get(taking.measurement).copied().unwrap_or(0.0);
             }
             // The divisions by the totals make it 1 but for rounding.
             if !(sum > 0.5 && sum < 2.0) {
                 return false;
             }
             belief.missed = missed / sum;
-            for p in &mut belief.associated {
-                *p /= sum;
+            for taking in &step.takings {
+                if let Some(p) = belief.associated.get_mut(taking.measurement) {
+                    *p /= sum;
+                }
             }
         }
         true

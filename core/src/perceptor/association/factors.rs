@@ -94,6 +94,18 @@ impl<const PATHS: usize> Row<PATHS> {
     }
 }
 
+/// The indices of the ones in `set`, upwards.
+pub(super) fn members(set: u32) -> impl Iterator<Item = usize> {
+    let mut rest = set;
+    core::iter::from_fn(move || {
+        (rest != 0).then(|| {
+            let index = rest.trailing_zeros();
+            rest &= rest.wrapping_sub(1);
+            index as usize
+        })
+    })
+}
+
 /// The features of one anchor: number 0 is the direct path, the virtual anchors follow in the order given.
 #[derive(Clone, Debug)]
 pub(super) struct Rows<const VAS: usize, const PATHS: usize> {

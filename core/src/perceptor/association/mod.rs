@@ -20,7 +20,7 @@ mod factors;
 
 use crate::real::larger;
 use exact::{STATES, Trellis};
-use factors::{Rows, Stage};
+use factors::{Rows, Stage, members};
 use heapless::Vec;
 
 /// A measurement as association and filter see it.
@@ -224,7 +224,7 @@ fn associate_within<const VAS: usize, const PATHS: usize>(
         let solved = trellis.solve(&mut rows, &mut beliefs, limit);
         rows.settle_cluster(if solved { Stage::Exact } else { Stage::Loopy });
     }
-    beliefs.iterations = rows.propagate(count);
+    beliefs.iterations = rows.propagate();
     beliefs.conclude(&rows, direct, virtual_anchors, count);
     beliefs
 }
@@ -247,13 +247,17 @@ impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
         let beliefs = core::iter::once(&mut self.direct).chain(&mut self.virtual_anchors);
         for ((row, belief), expectation) in rows.iter().zip(beliefs).zip(expectations) {
             if row.stage == Stage::Loopy {
-                row.conclude(belief, count);
-                for (sum, mu) in loopy.iter_mut().zip(&row.mu).take(count) {
-                    *sum += mu;
-                }
-            } else {
-                for (free, p) in self.unassociated.iter_mut().zip(&belief.associated).take(count) {
-                    *free -= p;
+                row.conclude(belief);
+            }
+            for m in members(row.gated) {
+                let sums = self.unassociated.get_mut(m).zip(loopy.get_mut(m));
+                let terms = belief.associated.get(m).zip(row.mu.get(m));
+                if let (Some((free, sum)), Some((p, mu))) = (sums, terms) {
+                    if row.stage == Stage::Loopy {
+                        *sum += mu;
+                    } else {
+                        *free -= p;
+                    }
                 }
             }
             // Of the mass on "missed", the part in which the feature exists but was not detected.

@@ -157,7 +157,8 @@ pub fn associate<T: Real>(
                     below += mu[other][m];
                 }
                 let next = T::ONE / (above + below);
-                if abs(next - nu[k][m]) > T::of(TOLERANCE) * nu[k][m] {
+                // A message beyond the gate moves nothing.
+                if psi[k][m] > T::ZERO && abs(next - nu[k][m]) > T::of(TOLERANCE) * nu[k][m] {
                     moving = true;
                 }
                 nu[k][m] = next;
