@@ -4,6 +4,7 @@
 //! to all processor cores, and nothing but the time per cycle depends on how.
 
 pub mod figures;
+pub mod seminar_room;
 pub mod slam_ranges;
 pub mod target;
 
@@ -12,6 +13,7 @@ use crate::recording::Recording;
 use crate::track::{Track, track};
 use figures::{Figures, Outcome};
 use rayon::prelude::*;
+use seminar_room::{Plan, SeminarRoom, against_bound};
 use slam_ranges::SlamRanges;
 use std::path::Path;
 
@@ -33,12 +35,22 @@ pub struct Case {
 enum Made {
     /// Ranges, drawn.
     Ranges(SlamRanges),
+    /// Frames, simulated.
+    Frames(SeminarRoom),
 }
+
+/// Deviation of a virtual anchor that is exact, metres.
+const EXACT_STD_M: f64 = 1e-3;
+/// The same where layered walls shift the delays, metres: as far as thin layers do.
+const LAYERED_STD_M: f64 = 0.03;
 
 /// All scenarios.
 pub fn cases() -> Vec<Case> {
     let usual = SlamRanges::default();
     let ranges = |name, summary, ranges| Case { name, summary, made: Made::Ranges(ranges) };
+    let frames = |name, summary, room| Case { name, summary, made: Made::Frames(room) };
+    let rough = || SeminarRoom::with(Plan::Rough);
+    let layered = || SeminarRoom::with(Plan::Exact(LAYERED_STD_M));
     vec![
         ranges("slam", "ranges of 0.1 m deviation: two anchors, no map, start within 0.5 m", usual.clone()),
         ranges(
@@ -71,6 +83,44 @@ pub fn cases() -> Vec<Case> {
             "the same with a start anywhere on the way, of which only the room is known",
             SlamRanges { start_unknown: true, ..usual },
         ),
+        frames(
+            "known-plan",
+            "frames of the seminar room with frequency-flat walls, plan told exactly",
+            SeminarRoom { walls_flat: true, ..SeminarRoom::with(Plan::Exact(EXACT_STD_M)) },
+        ),
+        frames("layered-walls", "the same with layered walls, told with a deviation of 3 cm", layered()),
+        frames(
+            "one-anchor",
+            "the same with the first anchor alone",
+            SeminarRoom { one_anchor: true, ..layered() },
+        ),
+        frames("rough-plan", "layered walls, virtual anchors told 0.1 or 0.2 m off", rough()),
+        frames(
+            "plan-walls-off",
+            "the same with every wall of the plan 0.3 m off, by a sign of its own",
+            SeminarRoom::with(Plan::WallsOff),
+        ),
+        frames(
+            "plan-wall-missing",
+            "rough plan without one of the walls",
+            SeminarRoom::with(Plan::WallMissing),
+        ),
+        frames(
+            "plan-wall-added",
+            "rough plan with a wall across the room that is not there",
+            SeminarRoom::with(Plan::WallAdded),
+        ),
+        frames(
+            "frames-lost",
+            "rough plan, a tenth of the frames lost",
+            SeminarRoom { loss_probability: 0.1, ..rough() },
+        ),
+        frames("gap", "rough plan, no frame for 3 s in the middle", SeminarRoom { gap: true, ..rough() }),
+        frames(
+            "whole-room-start",
+            "rough plan, a start at either end of the way, of which only the room is known",
+            SeminarRoom { start_unknown: true, ..rough() },
+        ),
     ]
 }
 
@@ -95,6 +145,13 @@ impl Case {
             Made::Ranges(ranges) => {
                 let recording = ranges.record(RANGES_SEED.wrapping_add(seed));
                 Ok(outcome(seed, &track(&recording, file, Some(seed), || {})?))
+            }
+            Made::Frames(room) => {
+                let simulator = room.simulator(seed)?;
+                let recording = simulator.record(simulator.cycles(), || {});
+                let run = track(&recording, file, Some(seed), || {})?;
+                let against_bound = Some(against_bound(&simulator, &recording, &run));
+                Ok(Outcome { against_bound, ..outcome(seed, &run) })
             }
         }
     }

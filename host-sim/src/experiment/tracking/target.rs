@@ -49,6 +49,19 @@ pub const TARGETS: &[Target] = &[
     none_diverges("slam-gap"),
     none_diverges("slam-long-gap"),
     none_diverges("slam-whole-room"),
+    at_most("known-plan", "RMSE / posterior CRLB", |figures| figures.rmse_over_posterior_crlb, [1.5, 1.15]),
+    none_diverges("known-plan"),
+    honest("known-plan"),
+    at_most("layered-walls", "RMSE m", |figures| figures.rmse_m, [0.03, 0.015]),
+    none_diverges("layered-walls"),
+    at_most("one-anchor", "RMSE m", |figures| figures.rmse_m, [0.10, 0.05]),
+    none_diverges("one-anchor"),
+    none_diverges("plan-walls-off"),
+    none_diverges("plan-wall-missing"),
+    none_diverges("plan-wall-added"),
+    none_diverges("frames-lost"),
+    none_diverges("gap"),
+    none_diverges("whole-room-start"),
 ];
 
 /// How a value stands to a target.
