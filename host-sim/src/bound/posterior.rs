@@ -35,9 +35,10 @@ impl Posterior {
     pub fn predict(&mut self, elapsed_s: f64, acceleration_std_m_s2: f64) {
         let p = &mut self.covariance;
         // F P, then (F P) F'.
-        for axis in 0..2 {
-            for column in 0..4 {
-                p[axis][column] += elapsed_s * p[axis + 2][column];
+        let [x, y, u, v] = p;
+        for (position, velocity) in [(x, u), (y, v)] {
+            for (of_position, of_velocity) in position.iter_mut().zip(velocity.iter()) {
+                *of_position += elapsed_s * of_velocity;
             }
         }
         for row in p.iter_mut() {
