@@ -2,7 +2,8 @@
 //!
 //! Every image that some position of the trajectory sees is a virtual anchor of the recording. The tracker is told of
 //! the strongest: their mean SINR over the whole way counts, zero where they are not seen. With a plan that differs
-//! from the room, it is told of the plan's images instead, which are matched to the room's where they are close.
+//! from the room, it is told of the plan's images instead, which are matched to the room's where they are close; those
+//! below -30 dB in the mean are left out, so that a wall which swallows all is one that the plan lacks.
 
 use crate::channel::Channel;
 use crate::channel::random::{Purpose, normal, stream};
@@ -16,6 +17,8 @@ use std::collections::BTreeSet;
 
 /// Positions at which strength is looked at, at most.
 const LOOKS: usize = 250;
+/// An image of a wrong plan that is fainter in the mean is none: so a plan can lack a wall, by one that swallows all.
+const FAINTEST_SINR: f64 = 1e-3;
 /// An image of a wrong plan stands for the room's image of the same order within this distance, metres.
 const MATCH_M: f64 = 1.5;
 
@@ -67,6 +70,7 @@ pub fn of(channel: &Channel) -> Result<FloorPlan, InputError> {
             let believed = Scenario { room: room.clone(), interference: Vec::new(), ..scenario.clone() };
             let believed = Channel::along(&believed, channel.poses().to_vec(), channel.seed())?;
             let mut strong = strengths(&believed);
+            strong.retain(|strength| strength.mean_sinr > FAINTEST_SINR);
             strong.sort_by(|a, b| b.mean_sinr.total_cmp(&a.mean_sinr));
             for Strength { anchor, image, .. } in strong.into_iter().take(plan.max_virtual_anchors) {
                 let told = &believed.images(anchor)[image];
@@ -98,14 +102,15 @@ pub fn of(channel: &Channel) -> Result<FloorPlan, InputError> {
     Ok(FloorPlan { virtual_anchors: listed, index_of })
 }
 
-/// Makes a virtual anchor known, with the plan's error on top of where the plan has it.
+/// Makes a virtual anchor known, with the plan's error, if it has one, on top of where the plan has it.
 fn tell(channel: &Channel, virtual_anchor: &mut VirtualAnchor, image: &ImageSource, index: usize) {
     let plan = &channel.scenario().prior.floor_plan;
     let std_m = if image.order <= 1 { plan.first_order_std_m } else { plan.higher_order_std_m };
+    let error_m = if plan.exact { 0.0 } else { std_m };
     let mut rng = stream(channel.seed(), Purpose::FloorPlan, &[virtual_anchor.anchor, index]);
     virtual_anchor.known = true;
     virtual_anchor.std_m = std_m;
-    virtual_anchor.told_position_m = Some(image.position_m.map(|x| x + std_m * normal(&mut rng)));
+    virtual_anchor.told_position_m = Some(image.position_m.map(|x| x + error_m * normal(&mut rng)));
 }
 
 /// All images that some position of the way sees, with their mean SINR at the first action.

@@ -111,7 +111,7 @@ impl Simulator {
             ),
             motion: recording::Motion { acceleration_std_m_s2: prior.acceleration_std_m_s2 },
             start: recording::Start {
-                position_m: channel.poses()[0].position_m,
+                position_m: prior.position_m.unwrap_or(channel.poses()[0].position_m),
                 position_std_m: prior.position_std_m,
                 velocity_std_m_s: prior.velocity_std_m_s,
                 disc_radius_m: Some(prior.disc_radius_m),

@@ -51,6 +51,57 @@ fn track_prints_one_object_with_the_keys_promised() {
 }
 
 #[test]
+fn an_experiment_on_tracking_prints_its_figures_as_promised() {
+    let folder = Folder::new("experiment-tracking");
+    let arguments = ["experiment", "tracking", "--runs", "2", "--only", "slam,known-plan", "--json"];
+    let answer = json(&cogmint(folder.path(), &arguments));
+    assert_eq!(answer["seed"], 1);
+    let scenarios = answer["scenarios"].as_array().unwrap();
+    let names: Vec<_> = scenarios.iter().map(|figures| figures["scenario"].as_str().unwrap()).collect();
+    assert_eq!(names, ["slam", "known-plan"]);
+    for figures in scenarios {
+        assert_eq!(figures["runs"], 2);
+        for key in ["rmse_m", "rmse_median_m", "rmse_worst_m", "p95_worst_m", "nees", "nis", "us_per_cycle"] {
+            assert!(figures[key].as_f64().is_some_and(|value| value > 0.0), "{key} in {figures}");
+        }
+        for key in ["nees_within_95", "ospa_m"] {
+            assert!(
+                figures[key].as_f64().is_some_and(|value| (0.0..=1.0).contains(&value)),
+                "{key} in {figures}"
+            );
+        }
+        assert!(figures["diverged"].is_array() && figures["virtual_anchors_found"].is_f64(), "{figures}");
+    }
+    assert_eq!(scenarios[0]["virtual_anchors_true"], 9.0);
+    assert!(scenarios[0]["rmse_over_posterior_crlb"].is_null(), "without a map no bound is known");
+    // Errors of millimetres: no run is far better than its bound.
+    assert!(scenarios[1]["rmse_over_posterior_crlb"].as_f64().is_some_and(|ratio| ratio > 0.8));
+    assert!(scenarios[1]["posterior_crlb_m"].as_f64().is_some_and(|m| (1e-4..0.1).contains(&m)));
+    let table =
+        text(&cogmint(folder.path(), &["experiment", "tracking", "--runs", "1", "--only", "slam"]).stdout);
+    assert!(table.contains("must be") && table.contains("NEES"), "{table}");
+}
+
+#[test]
+fn an_experiment_on_tracking_takes_a_recording_from_several_starts() {
+    let folder = Folder::new("experiment-recording");
+    small_recording(&folder.path().join("r"));
+    let run = |more: &[&str]| cogmint(folder.path(), &[&["experiment", "tracking"], more].concat());
+    let answer = json(&run(&["--recording", "r", "--starts", "3", "--seed", "5", "--json"]));
+    assert_eq!((&answer["seed"], &answer["scenarios"][0]["runs"]), (&5.into(), &3.into()));
+    assert!(answer["scenarios"][0]["rmse_m"].is_f64(), "{answer}");
+    for wrong in [
+        &["--recording", "nothing-here"][..],
+        &["--only", "nonsense"],
+        &["--runs", "0"],
+        &["--starts", "3"],
+        &["--recording", "r", "--only", "slam"],
+    ] {
+        assert_eq!(run(wrong).status.code(), Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
 fn what_nobody_knows_is_not_scored() {
     let folder = Folder::new("track-without-truth");
     let room = cogmint::demo::seminar_room(1, 12).unwrap();

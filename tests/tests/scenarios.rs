@@ -143,6 +143,7 @@ fn complete() -> Vec<toml::Table> {
 
         [prior]
         acceleration_std_m_s2 = 0.01
+        position_m = [1.0, 1.0]
         position_std_m = 0.25
         velocity_std_m_s = 0.03
         disc_radius_m = 0.5
@@ -150,7 +151,7 @@ fn complete() -> Vec<toml::Table> {
         clutter_per_anchor = 0.1
         max_range_m = 30.0
         range_bias_std_m = 0.0
-        floor_plan = { known = true, first_order_std_m = 0.1, higher_order_std_m = 0.2, max_virtual_anchors = 24, room = { corners_m = [[0.0, 0.0], [6.0, 0.0], [6.0, 4.0]] } }
+        floor_plan = { known = true, exact = false, first_order_std_m = 0.1, higher_order_std_m = 0.2, max_virtual_anchors = 24, room = { corners_m = [[0.0, 0.0], [6.0, 0.0], [6.0, 4.0]] } }
     "#;
     let variant = |pulse, library, window| {
         let text = everything.replace("PULSE", pulse).replace("LIBRARY", library).replace("WINDOW", window);

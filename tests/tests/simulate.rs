@@ -342,6 +342,39 @@ fn of_a_wrong_floor_plan_the_tracker_is_told_the_plan_and_the_truth_stays_the_ro
 }
 
 #[test]
+fn an_exact_plan_tells_just_where_and_a_start_has_the_mean_that_is_told() {
+    let recording = record(&small(
+        "prior = { position_m = [2.5, 2.0], floor_plan = { exact = true, first_order_std_m = 0.5 } }",
+    ));
+    assert_eq!(recording.start.position_m, [2.5, 2.0]);
+    assert_ne!(recording.cycles[0].truth_position_m, Some([2.5, 2.0]));
+    let told = recording.virtual_anchors.iter().filter(|va| va.known);
+    assert!(told.clone().any(|va| va.std_m == 0.5));
+    assert!(told.clone().all(|va| va.told_position_m == Some(va.position_m)));
+}
+
+#[test]
+fn of_a_told_room_a_wall_that_swallows_all_is_one_that_the_plan_lacks() {
+    let plan = |east: &str| {
+        let scenario = small(&format!(
+            r#"
+            constructions.absorber = {{ reflection_loss_db = 100.0, transmission_loss_db = 200.0 }}
+            [prior.floor_plan.room]
+            corners_m = [[0, 0], [6, 0], [6, 4], [0, 4]]
+            sides = ["concrete", "{east}", "concrete", "concrete"]
+            "#
+        ));
+        record(&scenario).virtual_anchors
+    };
+    // The anchor is at (1, 1): its image in the east wall at (11, 1).
+    let told = |plan: &[VirtualAnchor]| {
+        plan.iter().find(|va| nearest_m(&[[11.0, 1.0]], va.position_m) < 1e-9).map(|va| (va.known, va.exists))
+    };
+    assert_eq!(told(&plan("concrete")), Some((true, true)));
+    assert_eq!(told(&plan("absorber")), Some((false, true)));
+}
+
+#[test]
 fn a_floor_plan_that_is_not_known_tells_nothing() {
     let known = record(&small(""));
     let unknown = record(&small("prior.floor_plan.known = false"));

@@ -1,5 +1,7 @@
 //! `cogmint experiment`: Monte Carlo experiments.
 
+mod tracking;
+
 use super::{print, print_json};
 use crate::Failure;
 use clap::builder::PossibleValuesParser;
@@ -16,6 +18,8 @@ pub enum Experiment {
     Estimator(EstimatorOptions),
     /// Writes frames of eight known paths in dense multipath as a recording, for `cogmint estimate` and the target.
     EightPaths(EightPathsOptions),
+    /// The whole tracker over named scenarios, or over a recording from many starts.
+    Tracking(tracking::Options),
 }
 
 #[derive(clap::Args)]
@@ -72,6 +76,7 @@ fn method_names() -> PossibleValuesParser {
 pub fn run(experiment: &Experiment) -> Result<(), Failure> {
     match experiment {
         Experiment::Estimator(options) => estimator(options),
+        Experiment::Tracking(options) => tracking::run(options),
         Experiment::EightPaths(options) => {
             Recording::may_replace(&options.out)?;
             Ok(eight_paths(options.frames as usize, options.seed).write(&options.out)?)

@@ -22,15 +22,21 @@ use std::path::{Path, PathBuf};
 /// Where figures go unless told otherwise.
 const OUTPUT_FOLDER: &str = "cogmint-out";
 
-/// A progress bar on the terminal; silent where there is none.
+/// A progress bar over cycles on the terminal; silent where there is none.
 fn progress(length: usize, what: &str) -> ProgressBar {
+    progress_of(length, what, "cycles")
+}
+
+/// A progress bar over anything.
+fn progress_of(length: usize, what: &str, unit: &str) -> ProgressBar {
     let target = if std::io::stderr().is_terminal() {
         ProgressDrawTarget::stderr()
     } else {
         ProgressDrawTarget::hidden()
     };
     let bar = ProgressBar::with_draw_target(Some(length as u64), target);
-    if let Ok(style) = ProgressStyle::with_template("{msg:12} [{bar:40}] {pos}/{len} cycles, {eta} left") {
+    let template = format!("{{msg:12}} [{{bar:40}}] {{pos}}/{{len}} {unit}, {{eta}} left");
+    if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_message(what.to_owned());

@@ -779,13 +779,17 @@ pub struct Prior {
     /// Standard deviation of the white acceleration per axis, m/s^2.
     #[schemars(range(min = 1e-6, max = 100.0))]
     pub acceleration_std_m_s2: f64,
+    /// Mean of the first position, metres; without it, the true one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<[Coordinate; 2]>")]
+    pub position_m: Option<Position>,
     /// Standard deviation of the first position per axis, metres.
     #[schemars(range(min = 1e-3, max = 1e3))]
     pub position_std_m: f64,
     /// Standard deviation of the first velocity per axis, m/s.
     #[schemars(range(min = 1e-3, max = 1e3))]
     pub velocity_std_m_s: f64,
-    /// A run with a seed draws its start inside a disc of this radius around the true one, metres.
+    /// A run with a seed draws its start inside a disc of this radius around that mean, metres.
     #[schemars(range(min = 1e-3, max = 1e3))]
     pub disc_radius_m: f64,
     /// Probability that the path of a visible source is found.
@@ -808,6 +812,7 @@ impl Default for Prior {
     fn default() -> Self {
         Self {
             acceleration_std_m_s2: 0.01,
+            position_m: None,
             position_std_m: 0.25,
             velocity_std_m_s: 0.03,
             disc_radius_m: 0.5,
@@ -826,7 +831,9 @@ impl Default for Prior {
 pub struct FloorPlan {
     /// Whether it is told of any.
     pub known: bool,
-    /// Standard deviation of those of first order per axis, metres; their positions are off by as much.
+    /// Whether every one is told just where the plan has it; otherwise off by its standard deviation.
+    pub exact: bool,
+    /// Standard deviation of those of first order per axis, metres.
     #[schemars(range(min = 1e-4, max = 100.0))]
     pub first_order_std_m: f64,
     /// The same for higher orders.
@@ -844,6 +851,7 @@ impl Default for FloorPlan {
     fn default() -> Self {
         Self {
             known: true,
+            exact: false,
             first_order_std_m: 0.1,
             higher_order_std_m: 0.2,
             max_virtual_anchors: 24,

@@ -9,6 +9,8 @@
 //! which for paths that do not overlap is 8 pi^2 beta^2 SINR_k on the diagonal. With the slopes U of the path lengths
 //! over the position, J = U E U' / c^2; the position error bound is sqrt(tr J^-1).
 
+pub mod posterior;
+
 use crate::channel::pulse::PulseSpectrum;
 use crate::channel::{Channel, Component, SPEED_OF_LIGHT_M_S};
 
@@ -66,13 +68,18 @@ pub fn error_bound_m([xx, xy, yy]: Information) -> f64 {
 pub fn cycle_information(channel: &Channel, cycle: usize, action: usize) -> Information {
     let mut sum = [0.0; 3];
     for anchor in 0..channel.scenario().anchors.len() {
-        let components = channel.components(cycle, anchor, action);
-        let directions: Vec<[f64; 2]> =
-            components.iter().map(|component| direction(channel, cycle, anchor, component)).collect();
-        let own = information(channel.pulse(action), &components, &directions);
+        let own = frame_information(channel, cycle, anchor, action);
         (0..3).for_each(|n| sum[n] += own[n]);
     }
     sum
+}
+
+/// Information about the position in one anchor's frame.
+pub fn frame_information(channel: &Channel, cycle: usize, anchor: usize, action: usize) -> Information {
+    let components = channel.components(cycle, anchor, action);
+    let directions: Vec<[f64; 2]> =
+        components.iter().map(|component| direction(channel, cycle, anchor, component)).collect();
+    information(channel.pulse(action), &components, &directions)
 }
 
 /// Change of a path's length over the tag's position.
