@@ -35,7 +35,7 @@ struct Row {
     start: fn(&Problem) -> Box<dyn Filter>,
 }
 
-const ROWS: [Row; 7] = [
+const ROWS: [Row; 6] = [
     Row {
         name: "cogmint",
         title: "cogmint-core, unscented in reduced form",
@@ -44,12 +44,7 @@ const ROWS: [Row; 7] = [
     Row {
         name: "minikalman-ekf",
         title: "minikalman 0.8, extended",
-        start: |problem| Box::new(minikalman_crate::Extended::new(&scene(problem))),
-    },
-    Row {
-        name: "minikalman-ukf",
-        title: "minikalman 0.8, unscented",
-        start: |problem| Box::new(minikalman_crate::Unscented::new(&scene(problem))),
+        start: |problem| Box::new(minikalman_crate::extended(&scene(problem))),
     },
     Row {
         name: "kfilter-ekf",

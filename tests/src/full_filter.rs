@@ -22,7 +22,7 @@ pub const MOTION: Motion =
 /// Where the physical anchors stand, metres.
 pub const ANCHORS_M: [[f32; 2]; ANCHORS] = [[0.5, 7.0], [5.2, 3.2]];
 /// Standard deviations at the start: position, velocity, coordinates of the virtual anchors.
-pub const PRIOR_STD: [f32; 3] = [0.1, 0.3, 0.05];
+pub const PRIOR_STD: [f32; 3] = [0.1, 0.3, 0.03];
 /// Standard deviation of every range, metres.
 pub const RANGE_STD_M: f32 = 0.03;
 

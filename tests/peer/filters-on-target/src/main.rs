@@ -59,9 +59,8 @@ extern "C" fn cogmint_has_a_reachable_panic() -> ! {
 
 #[entry]
 fn main() -> ! {
-    let starts: [(&[u8], fn(&Scene) -> Box<dyn Filter>); 5] = [
-        (b"minikalman-ekf", |scene| Box::new(minikalman_crate::Extended::new(scene))),
-        (b"minikalman-ukf", |scene| Box::new(minikalman_crate::Unscented::new(scene))),
+    let starts: [(&[u8], fn(&Scene) -> Box<dyn Filter>); 4] = [
+        (b"minikalman-ekf", |scene| Box::new(minikalman_crate::extended(scene))),
         (b"kfilter-ekf", |scene| Box::new(kfilter_crate::Extended::new(scene))),
         (b"kfilter-ukf", |scene| Box::new(kfilter_crate::Unscented::new(scene))),
         (b"nalgebra-static", |scene| Box::new(Textbook::new(scene))),

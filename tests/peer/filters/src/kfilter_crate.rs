@@ -33,13 +33,16 @@ impl Ranges {
 
     fn linearise(&mut self, x: &State) {
         let Self { scene, jacobian, transpose, .. } = self;
-        scene.each_slope(
-            |i| x[i],
-            |row, column, slope| {
-                jacobian[(row, column)] = slope;
-                transpose[(column, row)] = slope;
-            },
-        );
+        for range in 0..RANGES {
+            scene.slope(
+                range,
+                |i| x[i],
+                |column, slope| {
+                    jacobian[(range, column)] = slope;
+                    transpose[(column, range)] = slope;
+                },
+            );
+        }
     }
 }
 

@@ -2,7 +2,8 @@
 //! each crate means it to be used. `tests/benches/state_filter.rs` compares them with the core's.
 //!
 //! Every unscented filter has alpha = 1, beta = 0, kappa = 0: points at sqrt(52) standard deviations, all weights alike.
-//! Every extended one takes all ranges at once, linearised at the predicted state.
+//! An extended one takes all ranges at once, linearised at the predicted state, or one after the other, whichever costs
+//! its crate less.
 
 #![no_std]
 
@@ -101,17 +102,14 @@ impl Scene {
         root(dx * dx + dy * dy)
     }
 
-    /// Calls `f` with row, column and value of every entry of the ranges' Jacobian that is not zero.
-    pub fn each_slope(&self, x: impl Fn(usize) -> f32, mut f: impl FnMut(usize, usize, f32)) {
-        for range in 0..RANGES {
-            let [dx, dy] = self.difference(range, &x);
-            let length = root(dx * dx + dy * dy);
-            let slope = [dx / length, dy / length];
-            for (axis, slope) in slope.into_iter().enumerate() {
-                f(range, axis, slope);
-                if range >= ANCHORS {
-                    f(range, image(range) + axis, -slope);
-                }
+    /// Calls `f` with column and value of every entry of a range's gradient that is not zero.
+    pub fn slope(&self, range: usize, x: impl Fn(usize) -> f32, mut f: impl FnMut(usize, f32)) {
+        let [dx, dy] = self.difference(range, x);
+        let length = root(dx * dx + dy * dy);
+        for (axis, slope) in [dx / length, dy / length].into_iter().enumerate() {
+            f(axis, slope);
+            if range >= ANCHORS {
+                f(image(range) + axis, -slope);
             }
         }
     }
