@@ -16,7 +16,7 @@
 //! C <- C + (spread / S^2 - beta / S) w w', w = C h.
 //!
 //! **Cheap.** C_aa is nearly the whole covariance, and an update needs only the row of the virtual anchor it is about.
-//! So the changes of C_aa wait until there are four of them ([`Pending`]) and are made in one pass; the row that an
+//! So the changes of C_aa wait until there are four of them (`Pending`) and are made in one pass; the row that an
 //! update needs is taken as it stands with those that wait. Every entry still sees the same changes in the same
 //! order: the bits are those of one change after the other.
 //!
