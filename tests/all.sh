@@ -11,6 +11,7 @@ command -v cargo >/dev/null || { echo "all.sh: needs Rust: see https://rustup.rs
 step "formatting"
 cargo fmt --all --check
 (cd firmware-stub && cargo fmt --check)
+(cd tests/peer/filters-on-target && cargo fmt --check)
 
 step "lints"
 cargo clippy --locked --workspace --all-targets --release -- -D warnings

@@ -4,15 +4,14 @@
 #
 #   bash tests/on_target.sh [--json] [--cycles N] [--recording DIR]
 #
-# Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch.
+# Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch; and the state
+# filter alone with 24 virtual anchors and 26 ranges per step.
 #
-# Takes the rustup target where it is installed; else Debian's toolchain with the sources of `core`; else installs
-# the one or the other. Exit code 0 only when all hashes are equal and no panic symbol is linked.
+# Exit code 0 only when all hashes are equal, no panic symbol is linked and the state filter is within its budget.
 set -euo pipefail
 here=$PWD
 cd "$(dirname "$0")/.."
 
-target=thumbv7em-none-eabihf
 cycles=60
 json=
 recording=()
@@ -36,47 +35,9 @@ done
 
 say() { echo "on_target.sh: $*" >&2; }
 
-as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi; }
+source tests/target_toolchain.sh
 
-install_packages() {
-  command -v apt-get >/dev/null || { say "needs $*: install them by hand"; exit 1; }
-  say "installing $*"
-  as_root apt-get update -qq >&2
-  as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "$@" >&2
-}
-
-rustup_target() {
-  command -v rustup >/dev/null && rustup target list --installed 2>/dev/null | grep -qx "$target"
-}
-
-debian_toolchain() {
-  [ -x /usr/bin/cargo ] && [ -x /usr/bin/rustc ] && command -v ld.lld >/dev/null \
-    && [ -f "$(/usr/bin/rustc --print sysroot)/lib/rustlib/src/rust/library/core/Cargo.toml" ]
-}
-
-if ! rustup_target && ! debian_toolchain; then
-  if command -v rustup >/dev/null && timeout 60 rustup target add "$target" >/dev/null 2>&1; then
-    say "added the rustup target $target"
-  else
-    install_packages rustc-web cargo-web rust-web-src lld
-  fi
-fi
-command -v qemu-system-arm >/dev/null || install_packages qemu-system-arm
-
-# The firmware is built in its own folder: it is no member of the workspace.
-if rustup_target; then
-  (cd firmware-stub && cargo build --quiet --locked --release --target "$target" >&2)
-elif debian_toolchain; then
-  (
-    cd firmware-stub
-    export PATH=/usr/bin:$PATH RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1
-    export CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER=ld.lld
-    /usr/bin/cargo build --quiet --locked -Z build-std=core --release --target "$target" >&2
-  )
-else
-  say "no toolchain for $target"
-  exit 1
-fi
+build_for_target firmware-stub
 images=$PWD/firmware-stub/target/$target/release
 image=$images/cogmint-firmware
 
@@ -90,17 +51,16 @@ cogmint=(cargo run --quiet --locked --release -p cogmint --)
 "${cogmint[@]}" experiment eight-paths --frames 200 --out "$work/eight/frames"
 "${cogmint[@]}" trace --recording "$work/eight/frames" --cycles 200 --feed "$work/eight/feed.bin" >/dev/null
 
-# One instruction per virtual nanosecond: counts repeat exactly. The firmware reads feed.bin from its folder.
-run() {
-  (
-    cd "$1"
-    timeout 600 qemu-system-arm -cpu cortex-m4 -machine mps2-an386 -nographic -monitor none -serial none \
-      -semihosting-config enable=on,target=native -icount shift=0 -kernel "$2" >target.txt 2>&1
-  ) || say "QEMU ended with $?"
-}
+# The state filter at full size: 52 states, 26 ranges per step.
+mkdir "$work/filter"
+cargo run --quiet --locked --release -p cogmint-tests --example full_filter -- 60 "$work/filter/feed.bin" \
+  >"$work/filter/host.txt"
+
 run "$work" "$image"
 run "$work/eight" "$images/estimator"
+run "$work/filter" "$images/filter"
 
 cargo run --quiet --locked --release -p cogmint-tests --example target_report -- \
   --target "$target" --image "$image" --host "$work/host.txt" --log "$work/target.txt" \
-  --estimator-log "$work/eight/target.txt" $json
+  --estimator-log "$work/eight/target.txt" \
+  --filter-host "$work/filter/host.txt" --filter-log "$work/filter/target.txt" $json

@@ -10,6 +10,9 @@ use std::process::ExitCode;
 const STAGES: [&str; 8] =
     ["receive", "estimate", "predict", "associate", "update", "remember", "discover", "act"];
 
+/// The state filter alone at full size: the one budget whose must is a limit.
+const FILTER_BUDGET: &str = "filter_52_states_26_ranges";
+
 /// Must and aim of the specification, section 6.
 #[derive(Serialize)]
 struct Budget {
@@ -39,6 +42,8 @@ struct Report {
     panic_symbols: usize,
     /// The channel estimator alone.
     estimator: Estimator,
+    /// The state filter alone.
+    filter: Filter,
     budgets: BTreeMap<&'static str, Budget>,
 }
 
@@ -78,6 +83,59 @@ impl Estimator {
     }
 }
 
+/// What a step of 52 states and 26 ranges costs the state filter.
+#[derive(Serialize)]
+struct Filter {
+    steps: usize,
+    /// Whether its bits are the host's after every step.
+    equal: bool,
+    instructions: u64,
+    instructions_max: u64,
+    instructions_predict: u64,
+    instructions_regress: u64,
+    instructions_update: u64,
+    state_bytes: u64,
+    stack_bytes: u64,
+}
+
+impl Filter {
+    fn read(host: &str, log: &str) -> Result<Self, Box<dyn Error>> {
+        let mut hashes = Vec::new();
+        let mut counts: Vec<[u64; 3]> = Vec::new();
+        let (mut state_bytes, mut stack_bytes) = (0, 0);
+        for line in log.lines() {
+            match line.split_whitespace().collect::<Vec<_>>().as_slice() {
+                ["step", _, "hash", hash, predict, regress, update] => {
+                    hashes.push(hash.to_string());
+                    counts.push([predict.parse()?, regress.parse()?, update.parse()?]);
+                }
+                ["filter", state, "stack", stack] => {
+                    (state_bytes, stack_bytes) = (state.parse()?, stack.parse()?);
+                }
+                _ => eprintln!("target_report: the filter's firmware said: {line}"),
+            }
+        }
+        if counts.is_empty() || state_bytes == 0 {
+            return Err("the filter's firmware made no step, or did not end".into());
+        }
+        let steps = counts.len() as u64;
+        let [predict, regress, update] =
+            [0, 1, 2].map(|part| counts.iter().map(|counts| counts[part]).sum::<u64>() / steps);
+        let host: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(3)).collect();
+        Ok(Self {
+            steps: counts.len(),
+            equal: hashes == host,
+            instructions: predict + regress + update,
+            instructions_max: counts.iter().map(|counts| counts.iter().sum()).max().unwrap_or(0),
+            instructions_predict: predict,
+            instructions_regress: regress,
+            instructions_update: update,
+            state_bytes,
+            stack_bytes,
+        })
+    }
+}
+
 fn main() -> ExitCode {
     match report() {
         Ok(true) => ExitCode::SUCCESS,
@@ -98,6 +156,10 @@ fn report() -> Result<bool, Box<dyn Error>> {
     let host = std::fs::read_to_string(value("--host")?)?;
     let log = std::fs::read_to_string(value("--log")?)?;
     let estimator = Estimator::read(&std::fs::read_to_string(value("--estimator-log")?)?)?;
+    let filter = Filter::read(
+        &std::fs::read_to_string(value("--filter-host")?)?,
+        &std::fs::read_to_string(value("--filter-log")?)?,
+    )?;
     let image = std::fs::read(value("--image")?)?;
     let host_hashes: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
 
@@ -177,12 +239,14 @@ fn report() -> Result<bool, Box<dyn Error>> {
         panic_symbols: panics.len(),
         instructions_per_stage,
         estimator,
+        filter,
         budgets: BTreeMap::from([
             ("estimator_instructions_8_paths", budget(1_400_000, 700_000)),
             ("estimator_state_and_scratch_bytes", budget(16_384, 10_240)),
             ("instructions_per_cycle", budget(3_800_000, 1_900_000)),
             ("instructions_without_estimate", budget(1_000_000, 500_000)),
             ("instructions_predict_and_update", budget(280_000, 200_000)),
+            (FILTER_BUDGET, budget(280_000, 200_000)),
             ("ram_bytes", budget(65_536, 32_768)),
             ("flash_bytes", budget(131_072, 65_536)),
             ("panic_symbols", budget(0, 0)),
@@ -196,7 +260,11 @@ fn report() -> Result<bool, Box<dyn Error>> {
     for name in &panics {
         eprintln!("target_report: linked panic symbol {name}");
     }
-    Ok(report.equal && report.panic_symbols == 0)
+    let within = report.filter.instructions_max <= report.budgets[FILTER_BUDGET].must;
+    if !within {
+        eprintln!("target_report: the state filter needs {} instructions", report.filter.instructions_max);
+    }
+    Ok(report.equal && report.filter.equal && within && report.panic_symbols == 0)
 }
 
 fn print(report: &Report) {
@@ -222,6 +290,7 @@ fn print(report: &Report) {
             report.instructions_per_cycle - stage("estimate") - stage("receive")
         }
         "instructions_predict_and_update" => stage("predict") + stage("update"),
+        FILTER_BUDGET => report.filter.instructions,
         "estimator_instructions_8_paths" => report.estimator.instructions,
         "estimator_state_and_scratch_bytes" => report.estimator.state_and_scratch_bytes,
         "ram_bytes" => report.ram_bytes,
@@ -241,5 +310,16 @@ fn print(report: &Report) {
     println!(
         "estimator alone: {} frames of just 8 paths, the largest {} instructions",
         report.estimator.frames, report.estimator.instructions_max
+    );
+    println!(
+        "state filter alone: {} steps of 52 states and 26 ranges, bits {} the host's; predict {}, regress {}, update {} \
+         instructions; {} bytes and {} of stack",
+        report.filter.steps,
+        if report.filter.equal { "equal to" } else { "NOT EQUAL to" },
+        report.filter.instructions_predict,
+        report.filter.instructions_regress,
+        report.filter.instructions_update,
+        report.filter.state_bytes,
+        report.filter.stack_bytes
     );
 }

@@ -3,6 +3,7 @@
 //! The tests are in `tests/tests/`; here is what they share.
 
 pub mod estimator_fuzz;
+pub mod full_filter;
 pub mod mutation;
 pub mod outcome;
 

@@ -1,6 +1,7 @@
 //! The reduced filter against the textbook: a 2n+1-point unscented filter over the whole state in f64, and the
 //! covariance's definiteness over many cycles.
 
+use cogmint::reference::state_filter as twin;
 use cogmint_core::perceptor::state_filter::{Innovation, Motion, Sight, Source, StateFilter};
 use nalgebra::{DMatrix, DVector};
 use rand_core::{Rng, SeedableRng};
@@ -151,6 +152,75 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     println!("largest distance to the textbook filter {:.3} mm, RMSE {:.1} mm", worst * 1e3, rmse * 1e3);
     assert!(worst < 5e-3, "{worst} m from the textbook filter");
     assert!(rmse < 0.03, "{rmse} m from the truth: the comparison must be on a working track");
+}
+
+/// Changes of the virtual anchors' covariance wait for each other in the core; the reference makes each at once.
+#[test]
+fn changes_that_wait_give_the_bits_of_one_after_the_other() {
+    let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(5));
+    let motion =
+        Motion { acceleration_std_m_s2: 0.3, virtual_anchor_walk_m: 1e-3, position_std_limit_m: 30.0 };
+    for bias_std_m in [0.0, 0.2] {
+        let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], 2.0, 0.5, 0.1, bias_std_m);
+        let prior = twin::Prior {
+            position_m: [3.0, 7.0],
+            position_std_m: 2.0,
+            velocity_std_m_s: 0.5,
+            bias_mean_m: 0.1,
+            bias_std_m,
+        };
+        let mut reference = twin::StateFilter::<f32>::new(2, 24, motion, &prior);
+        // Every fifth slot stays free.
+        let slots: Vec<usize> = (0..24).filter(|slot| slot % 5 != 3).collect();
+        for &slot in &slots {
+            let place = [20.0 * noise.uniform() as f32 - 7.0, 20.0 * noise.uniform() as f32 - 5.0];
+            assert!(filter.insert_independent(slot, place, 1.0));
+            reference.insert_independent(slot, place, 1.0);
+        }
+        for cycle in 0..300 {
+            filter.predict(0.1);
+            reference.predict(0.1);
+            // From none to more than fill several passes; the same virtual anchor may come twice.
+            let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+            for _ in 0..cycle % 12 {
+                let anchor = usize::from(noise.uniform() < 0.5);
+                let source = if noise.uniform() < 0.2 {
+                    Source::Direct { anchor }
+                } else {
+                    Source::Virtual { anchor, slot: slots[(noise.uniform() * slots.len() as f64) as usize] }
+                };
+                let line =
+                    filter.regress(source, &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0 }).unwrap();
+                let sight = twin::Sight { anchor_m: ANCHORS[anchor], height_m: 1.0 };
+                let reference_line = reference.regress(source, &sight);
+                let weight = noise.uniform() as f32;
+                let first_m = weight * 0.1 * noise.normal() as f32;
+                let second_m2 = first_m * first_m / weight + 0.01 * noise.uniform() as f32;
+                let variance_m2 = 1e-4;
+                ours.push(Innovation { regression: line, weight, first_m, second_m2, variance_m2 });
+                theirs.push(twin::Innovation {
+                    regression: reference_line,
+                    weight,
+                    first_m,
+                    second_m2,
+                    variance_m2,
+                });
+            }
+            filter.update(ours);
+            reference.update(&theirs);
+            let mut numbers = Vec::new();
+            filter.visit(|value| numbers.push(value));
+            let mut numbers = numbers.into_iter();
+            reference.visit(&mut |name, value| {
+                let own = numbers.next().expect("as many numbers");
+                assert!(
+                    own.to_bits() == value.to_bits(),
+                    "bias {bias_std_m}, cycle {cycle}, {name}: {own} {value}"
+                );
+            });
+            assert_eq!(numbers.next(), None);
+        }
+    }
 }
 
 #[test]

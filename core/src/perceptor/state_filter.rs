@@ -15,6 +15,11 @@
 //! soft: with S the innovation variance, beta the total probability, and nu the innovations,
 //! C <- C + (spread / S^2 - beta / S) w w', w = C h.
 //!
+//! **Cheap.** C_aa is nearly the whole covariance, and an update needs only the row of the virtual anchor it is about.
+//! So the changes of C_aa wait until there are four of them (`Pending`) and are made in one pass; the row that an
+//! update needs is taken as it stands with those that wait. Every entry still sees the same changes in the same
+//! order: the bits are those of one change after the other.
+//!
 //! **Positive definite in f32.** Three things keep it so. An update is never allowed to shrink a variance by
 //! more than 2^-10 at once (a smaller measurement variance is raised to that, and the next cycle takes the
 //! rest). Each prediction adds 2^-19 of its own variance to every state, the size of the rounding errors of a
@@ -133,6 +138,69 @@ struct StateVector<const ANCHORS: usize, const VAS: usize> {
     agent: Vector4<f32>,
     bias_m: [f32; ANCHORS],
     virtual_anchors: [Vector2<f32>; VAS],
+}
+
+/// Changes scale w w' that C_aa lacks as yet: at most `N`.
+struct Pending<const VAS: usize, const N: usize> {
+    waiting: usize,
+    scale: [f32; N],
+    /// Of every virtual anchor, its part of each w.
+    w: [[Vector2<f32>; N]; VAS],
+}
+
+/// So many changes of C_aa are made in one pass: as many as the registers hold.
+const CHANGES_PER_PASS: usize = 4;
+
+impl<const VAS: usize, const N: usize> Pending<VAS, N> {
+    fn new() -> Self {
+        Self { waiting: 0, scale: [0.0; N], w: [[Vector2::new(0.0, 0.0); N]; VAS] }
+    }
+
+    fn push(&mut self, scale: f32, w: &[Vector2<f32>; VAS]) {
+        if let Some(place) = self.scale.get_mut(self.waiting) {
+            *place = scale;
+        }
+        for (places, w) in self.w.iter_mut().zip(w) {
+            if let Some(place) = places.get_mut(self.waiting) {
+                *place = *w;
+            }
+        }
+        self.waiting += 1;
+    }
+
+    /// One of the changes, alone.
+    fn only(&self, change: usize) -> Option<Pending<VAS, 1>> {
+        let mut only = Pending::new();
+        for (place, w) in only.w.iter_mut().zip(&self.w) {
+            *place = [*w.get(change)?];
+        }
+        only.scale = [*self.scale.get(change)?];
+        only.waiting = 1;
+        Some(only)
+    }
+
+    /// The virtual anchor's parts of all w, times their scales.
+    fn scaled(&self, w: &[Vector2<f32>; N]) -> [Vector2<f32>; N] {
+        let mut scaled = *w;
+        for (w, scale) in scaled.iter_mut().zip(&self.scale) {
+            *w = Vector2::new(scale * w.x, scale * w.y);
+        }
+        scaled
+    }
+}
+
+/// C_aa[k][l] <- C_aa[k][l] + (scale w_k) w_l' for every change.
+fn change<'a>(
+    block: &mut Matrix2<f32>,
+    scaled_k: impl IntoIterator<Item = &'a Vector2<f32>>,
+    w_l: impl IntoIterator<Item = &'a Vector2<f32>>,
+) {
+    for (k, l) in scaled_k.into_iter().zip(w_l) {
+        block.m11 += k.x * l.x;
+        block.m12 += k.x * l.y;
+        block.m21 += k.y * l.x;
+        block.m22 += k.y * l.y;
+    }
 }
 
 /// Geometry of one measurement: the fixed position of the anchor (for direct paths) and its height above the tag.
@@ -495,14 +563,29 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
     /// Applies the innovations of one cycle, whose regressions must all have been taken since [`Self::predict`].
     pub fn update(&mut self, innovations: impl IntoIterator<Item = Innovation>) {
         let prior = self.mean.clone();
+        let mut pending = Pending::<VAS, CHANGES_PER_PASS>::new();
         for innovation in innovations {
-            self.apply(&innovation, &prior);
+            self.apply(&innovation, &prior, &mut pending);
+            if pending.waiting == CHANGES_PER_PASS {
+                self.settle(&pending);
+                pending.waiting = 0;
+            }
+        }
+        for change in 0..pending.waiting {
+            if let Some(change) = pending.only(change) {
+                self.settle(&change);
+            }
         }
     }
 
-    fn apply(&mut self, innovation: &Innovation, prior: &StateVector<ANCHORS, VAS>) {
+    fn apply<const N: usize>(
+        &mut self,
+        innovation: &Innovation,
+        prior: &StateVector<ANCHORS, VAS>,
+        pending: &mut Pending<VAS, N>,
+    ) {
         let regression = &innovation.regression;
-        let Some((direction, explained, shift)) = self.direction(regression, prior) else { return };
+        let Some((direction, explained, shift)) = self.direction(regression, prior, pending) else { return };
         let noise = larger(innovation.variance_m2 + regression.residual_m2, explained * LARGEST_SHRINK);
         let inverse = 1.0 / (explained + noise);
         // Innovations are relative to the prior; the state has moved by `shift` along the slope since.
@@ -513,13 +596,15 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         // A soft association widens by the spread of its candidates, at most as much as it knew before.
         let scale = smaller((spread * inverse - innovation.weight) * inverse, inverse);
         self.step(&direction, first * inverse, scale);
+        pending.push(scale, &direction.virtual_anchors);
     }
 
     /// w = C h, h' C h, and h'(x - x_prior), for the linear form h of a regression.
-    fn direction(
+    fn direction<const N: usize>(
         &self,
         regression: &Regression,
         prior: &StateVector<ANCHORS, VAS>,
+        pending: &Pending<VAS, N>,
     ) -> Option<(StateVector<ANCHORS, VAS>, f32, f32)> {
         let c = &self.covariance;
         let [gx, gy] = regression.slope;
@@ -550,15 +635,23 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             agent.y -= gx * xa.m21 + gy * xa.m22;
             agent.z -= gx * xa.m31 + gy * xa.m32;
             agent.w -= gx * xa.m41 + gy * xa.m42;
-            let row = c.aa.get(slot)?;
-            for (l, (w, block)) in virtual_anchors.iter_mut().zip(row).enumerate() {
-                if l <= slot {
-                    w.x -= gx * block.m11 + gy * block.m21;
-                    w.y -= gx * block.m12 + gy * block.m22;
+            // C_aa's row of this slot with what waits: blocks up to its own, then those of the later rows.
+            let own = pending.w.get(slot)?;
+            let own_scaled = pending.scaled(own);
+            let earlier = virtual_anchors.iter_mut().zip(c.aa.get(slot)?).zip(&pending.w);
+            for (l, ((w, block), other)) in earlier.take(slot + 1).enumerate() {
+                let mut block = *block;
+                change(&mut block, own_scaled.iter().take(pending.waiting), other);
+                if l == slot {
+                    block.m12 = block.m21;
                 }
+                w.x -= gx * block.m11 + gy * block.m21;
+                w.y -= gx * block.m12 + gy * block.m22;
             }
-            for (w, row) in virtual_anchors.iter_mut().zip(&c.aa).skip(slot + 1) {
-                let block = row.get(slot)?;
+            let later = virtual_anchors.iter_mut().zip(&c.aa).zip(&pending.w);
+            for ((w, row), other) in later.skip(slot + 1) {
+                let mut block = *row.get(slot)?;
+                change(&mut block, pending.scaled(other).iter().take(pending.waiting), own);
                 w.x -= gx * block.m11 + gy * block.m12;
                 w.y -= gx * block.m21 + gy * block.m22;
             }
@@ -603,7 +696,8 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         Some((StateVector { agent, bias_m, virtual_anchors }, larger(explained, 0.0), shift))
     }
 
-    /// x <- x + w gain; C <- C + scale w w', every entry as (scale w_row) w_column with the row of the later state.
+    /// x <- x + w gain; C <- C + scale w w' but for C_aa, every entry as (scale w_row) w_column with the row of the
+    /// later state.
     fn step(&mut self, w: &StateVector<ANCHORS, VAS>, gain: f32, scale: f32) {
         let mean = &mut self.mean;
         mean.agent.x += w.agent.x * gain;
@@ -647,9 +741,9 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 }
             }
         }
-        let rows = c.xa.iter_mut().zip(&mut c.ba).zip(&mut c.aa).zip(&mut mean.virtual_anchors);
+        let rows = c.xa.iter_mut().zip(&mut c.ba).zip(&mut mean.virtual_anchors);
         let slots = rows.zip(&w.virtual_anchors).zip(&self.occupied);
-        for (k, (((((xa, ba), aa), a), wa), occupied)) in slots.enumerate() {
+        for ((((xa, ba), a), wa), occupied) in slots {
             if !occupied {
                 continue;
             }
@@ -670,18 +764,23 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                     cross.y += sy * wb;
                 }
             }
-            let mut blocks = aa.iter_mut().zip(&w.virtual_anchors);
-            for (block, wl) in blocks.by_ref().take(k) {
-                block.m11 += sx * wl.x;
-                block.m12 += sx * wl.y;
-                block.m21 += sy * wl.x;
-                block.m22 += sy * wl.y;
+        }
+    }
+
+    /// Makes the changes that C_aa lacks, all `N` in one pass.
+    fn settle<const N: usize>(&mut self, pending: &Pending<VAS, N>) {
+        let rows = self.covariance.aa.iter_mut().zip(&pending.w).zip(&self.occupied);
+        for (k, ((row, own), occupied)) in rows.enumerate() {
+            if !occupied {
+                continue;
             }
-            if let Some((own, _)) = blocks.next() {
-                own.m11 += sx * wa.x;
-                own.m21 += sy * wa.x;
-                own.m22 += sy * wa.y;
-                own.m12 = own.m21;
+            let scaled = pending.scaled(own);
+            for (block, other) in row.iter_mut().zip(&pending.w).take(k) {
+                change(block, &scaled, other);
+            }
+            if let Some(block) = row.get_mut(k) {
+                change(block, &scaled, own);
+                block.m12 = block.m21;
             }
         }
     }

@@ -1,0 +1,141 @@
+//! The state filter alone on a Cortex-M4F at full size: 24 virtual anchors (52 states), 26 ranges per step. For every
+//! step of a feed, the hash over all bits of the filter and the instructions of predict, regress and update; at the end
+//! its size and the stack it used. `tests/on_target.sh` runs it in QEMU, on the feed that `tests/src/full_filter.rs`
+//! describes.
+
+#![no_std]
+#![no_main]
+
+use cogmint_board::Once;
+use cogmint_board::host::{self, File, Line};
+use cogmint_board::meter::{StackMeter, instructions};
+use cogmint_core::perceptor::state_filter::{Innovation, Motion, Regression, Sight, Source, StateFilter};
+use cogmint_core::trace::TraceHash;
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use cortex_m_rt::entry;
+use heapless::Vec;
+
+const ANCHORS: usize = 2;
+const VAS: usize = 24;
+const RANGES: usize = ANCHORS + VAS;
+const MAGIC: [u8; 4] = *b"COGF";
+
+type Filter = StateFilter<ANCHORS, VAS>;
+
+static FILTER: Once<MaybeUninit<Filter>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: see `Once`.
+    let slot = unsafe { &mut *FILTER.0.get() };
+    let done = run(slot).is_some();
+    if !done {
+        host::write(b"error no feed, or a malformed one\n");
+    }
+    host::exit(done)
+}
+
+/// Words of the feed.
+struct Words(File);
+
+impl Words {
+    fn bytes(&mut self) -> Option<[u8; 4]> {
+        let mut bytes = [0; 4];
+        self.0.read(&mut bytes).then_some(bytes)
+    }
+
+    fn float(&mut self) -> Option<f32> {
+        self.bytes().map(f32::from_le_bytes)
+    }
+}
+
+/// What does not change between steps.
+struct Scene {
+    anchors_m: [[f32; 2]; ANCHORS],
+    variance_m2: f32,
+    step_s: f32,
+}
+
+fn run(slot: &mut MaybeUninit<Filter>) -> Option<()> {
+    let mut words = Words(File::open_feed()?);
+    if words.bytes()? != MAGIC {
+        return None;
+    }
+    let steps = u32::from_le_bytes(words.bytes()?);
+    let motion = Motion {
+        acceleration_std_m_s2: words.float()?,
+        virtual_anchor_walk_m: words.float()?,
+        position_std_limit_m: words.float()?,
+    };
+    let start_m = [words.float()?, words.float()?];
+    let (position_std_m, velocity_std_m_s) = (words.float()?, words.float()?);
+    let virtual_anchor_std_m = words.float()?;
+    let filter = slot.write(Filter::new(motion, start_m, position_std_m, velocity_std_m_s, 0.0, 0.0));
+    let mut anchors_m = [[0.0; 2]; ANCHORS];
+    for anchor in &mut anchors_m {
+        *anchor = [words.float()?, words.float()?];
+    }
+    for slot in 0..VAS {
+        if !filter.insert_independent(slot, [words.float()?, words.float()?], virtual_anchor_std_m) {
+            return None;
+        }
+    }
+    let scene = Scene { anchors_m, variance_m2: words.float()?, step_s: words.float()? };
+    let mut deepest = 0;
+    for number in 0..steps {
+        let mut ranges_m = [0.0; RANGES];
+        for range in &mut ranges_m {
+            *range = words.float()?;
+        }
+        let stack = StackMeter::paint();
+        let parts = step(filter, &scene, &ranges_m);
+        deepest = deepest.max(stack.used());
+        let mut hash = TraceHash::default();
+        filter.visit(|value| hash.float(value));
+        let mut line = Line::new();
+        line.text(b"step ").decimal(number).text(b" hash ").hex(hash.value());
+        for instructions in parts {
+            line.text(b" ").decimal(instructions);
+        }
+        line.end();
+    }
+    Line::new().text(b"filter ").decimal(size_of::<Filter>() as u32).text(b" stack ").decimal(deepest).end();
+    Some(())
+}
+
+/// One step; the instructions of predict, regress and update. Its own stack frame, so that all scratch lies below the
+/// painter.
+#[inline(never)]
+fn step(filter: &mut Filter, scene: &Scene, ranges_m: &[f32; RANGES]) -> [u32; 3] {
+    let (predict, ()) = instructions(|| filter.predict(scene.step_s));
+    let (regress, lines) = instructions(|| lines(filter, scene));
+    let (update, ()) = instructions(|| {
+        filter.update(lines.iter().zip(ranges_m).map(|(regression, range_m)| {
+            let nu = range_m - regression.range_m;
+            Innovation {
+                regression: *regression,
+                weight: 1.0,
+                first_m: nu,
+                second_m2: nu * nu,
+                variance_m2: scene.variance_m2,
+            }
+        }));
+    });
+    [predict, regress, update]
+}
+
+/// The regressions of all ranges, physical anchors first.
+fn lines(filter: &Filter, scene: &Scene) -> Vec<Regression, RANGES> {
+    let direct = (0..ANCHORS).map(|anchor| Source::Direct { anchor });
+    let images = (0..VAS).map(|slot| Source::Virtual { anchor: slot % ANCHORS, slot });
+    let mut lines = Vec::new();
+    for source in direct.chain(images) {
+        let Some(anchor_m) = scene.anchors_m.get(source.anchor()) else { continue };
+        if let Some(line) = filter.regress(source, &Sight { anchor_m: *anchor_m, height_m: 0.0 }) {
+            // As many places as sources.
+            let _ = lines.push(line);
+        }
+    }
+    lines
+}

@@ -1,0 +1,61 @@
+# What the scripts that run on the target share: its toolchain, and QEMU. To be sourced in the repository's root, after
+# `say` is defined.
+#
+# Takes the rustup target where it is installed; else Debian's toolchain with the sources of `core`; else installs
+# the one or the other.
+
+target=thumbv7em-none-eabihf
+
+as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi; }
+
+install_packages() {
+  command -v apt-get >/dev/null || { say "needs $*: install them by hand"; exit 1; }
+  say "installing $*"
+  as_root apt-get update -qq >&2
+  as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "$@" >&2
+}
+
+rustup_target() {
+  command -v rustup >/dev/null && rustup target list --installed 2>/dev/null | grep -qx "$target"
+}
+
+debian_toolchain() {
+  [ -x /usr/bin/cargo ] && [ -x /usr/bin/rustc ] && command -v ld.lld >/dev/null \
+    && [ -f "$(/usr/bin/rustc --print sysroot)/lib/rustlib/src/rust/library/core/Cargo.toml" ]
+}
+
+if ! rustup_target && ! debian_toolchain; then
+  if command -v rustup >/dev/null && timeout 60 rustup target add "$target" >/dev/null 2>&1; then
+    say "added the rustup target $target"
+  else
+    install_packages rustc-web cargo-web rust-web-src lld
+  fi
+fi
+command -v qemu-system-arm >/dev/null || install_packages qemu-system-arm
+
+# Builds the programs of a folder that is no member of the workspace. `heap` as second argument: with `alloc`.
+build_for_target() {
+  if rustup_target; then
+    (cd "$1" && cargo build --quiet --locked --release --target "$target" >&2)
+  elif debian_toolchain; then
+    (
+      cd "$1"
+      export PATH=/usr/bin:$PATH RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1
+      export CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER=ld.lld
+      /usr/bin/cargo build --quiet --locked -Z build-std=core${2:+,alloc} --release --target "$target" >&2
+    )
+  else
+    say "no toolchain for $target"
+    exit 1
+  fi
+}
+
+# Runs a program in a folder, from which it reads feed.bin; its output becomes target.txt. One instruction per virtual
+# nanosecond: counts repeat exactly.
+run() {
+  (
+    cd "$1"
+    timeout 600 qemu-system-arm -cpu cortex-m4 -machine mps2-an386 -nographic -monitor none -serial none \
+      -semihosting-config enable=on,target=native -icount shift=0 -kernel "$2" >target.txt 2>&1
+  ) || say "QEMU ended with $?"
+}
