@@ -122,8 +122,8 @@ impl Default for Config {
             },
             start: Start { position_m: [0.0, 0.0], position_std_m: 0.25, velocity_std_m_s: 0.03 },
             ranging: Ranging {
-                variance_inflation: 2.25,
-                floor_m: 5e-3,
+                variance_inflation: 1.44,
+                floor_m: 2e-3,
                 bias_mean_m: 0.0,
                 bias_std_m: 0.0,
                 max_range_m: 30.0,

@@ -11,19 +11,31 @@ use crate::controller::value::ActionValues;
 use crate::error::{Error, Setting};
 use crate::information::entropy::{position_block, position_entropy_nat};
 use crate::memory::channel::ChannelMemory;
-use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
+use crate::memory::environment::{CONFIRMED, EnvironmentMemory, Record};
 use crate::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::observer::{Observer, Stage};
-use crate::perceptor::association::{Belief, Beliefs, Clutter, Expectation, Measurement, Mode, associate};
+use crate::perceptor::acquisition::{Acquisition, Landmark, Sweep};
+use crate::perceptor::association::{
+    Belief, Beliefs, Clutter, Expectation, Measurement, Mode, associate, detection_probability,
+};
 use crate::perceptor::channel_estimator::ChannelEstimator;
-use crate::perceptor::discovery::{Discovered, Discovery, Viewpoint};
-use crate::perceptor::state_filter::{Innovation, Regression, Sight, Source, StateFilter};
+use crate::perceptor::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
+use crate::perceptor::loss::LossMonitor;
+use crate::perceptor::state_filter::{Agent, Innovation, Regression, Sight, Source, StateFilter};
 use crate::pulse::Pulse;
-use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger};
+use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger, limited};
 use crate::report::CycleReport;
 use crate::trace::TraceHash;
 use heapless::Vec;
-use nalgebra::{Matrix2, Matrix4};
+use nalgebra::{Matrix2, Matrix4, Vector4};
+
+/// Detection probability of a path whose SINR is low: it may come back.
+const LEAST_DETECTION: f32 = 0.01;
+/// And of a virtual anchor that a floor plan tells of and that was never seen: most are hidden from most places.
+const UNSEEN_DETECTION: f32 = 0.1;
+
+/// Virtual anchors of one anchor that are nearer than this may be one, metres.
+const NEAR_M: f32 = 0.3;
 
 /// What an anchor delivered, as measurements, and the action its frame was received with.
 struct Scan<const PATHS: usize> {
@@ -32,6 +44,8 @@ struct Scan<const PATHS: usize> {
     measurements: Vec<Measurement, PATHS>,
     /// Whether a frame was received: only then does a missing path say something about the carrier.
     framed: bool,
+    /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
+    threshold: f32,
 }
 
 /// A scan with what it was compared to, and the outcome.
@@ -39,12 +53,13 @@ struct AssociatedScan<'a, const VAS: usize, const PATHS: usize> {
     scan: &'a Scan<PATHS>,
     direct: Regression,
     virtual_anchors: Vec<Regression, VAS>,
+    claims: Claims<PATHS>,
     beliefs: Beliefs<VAS, PATHS>,
 }
 
 impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
     /// Every feature with the beliefs about it, the direct path first.
-    fn features(&self) -> impl Iterator<Item = (&Regression, &Belief<PATHS>)> {
+    fn features(&self) -> impl Iterator<Item = (&Regression, &Belief<PATHS>)> + Clone {
         core::iter::once(&self.direct).chain(&self.virtual_anchors).zip(self.beliefs.features())
     }
 }
@@ -63,6 +78,9 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     environment: EnvironmentMemory<VAS>,
     channel: ChannelMemory<ANCHORS, VAS, ACTIONS>,
     discovery: Discovery<ANCHORS>,
+    /// While it is not known where the tag is.
+    acquisition: Option<Acquisition>,
+    loss: LossMonitor,
     controller: Controller<ACTIONS>,
     /// Mean number of measurements per scan that belong to nothing known.
     unexplained: [f32; ANCHORS],
@@ -109,11 +127,12 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             ranging.bias_mean_m,
             ranging.bias_std_m,
         );
+        let start = filter.agent();
         let mut environment = EnvironmentMemory::default();
         for (slot, mapped) in map.iter().enumerate() {
             mapped.check(slot, anchors.len())?;
             filter.insert_independent(slot, mapped.position_m, mapped.std_m);
-            environment.insert(slot, mapped.anchor, 0.9);
+            environment.insert(slot, mapped.anchor, 0.9, 0);
         }
         let pulse = Pulse { duration_s: first.pulse_duration_s, shape: config.radio.pulse_shape };
         let association = &config.association;
@@ -128,6 +147,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             environment,
             channel: ChannelMemory::new(config.controller.prior_sinr),
             discovery: Discovery::default(),
+            acquisition: Some(Acquisition::new(start)),
+            loss: LossMonitor::default(),
             controller: Controller::new(config.controller, library, seed),
             unexplained: [unexplained; ANCHORS],
             last_sequence: [None; ANCHORS],
@@ -166,23 +187,40 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let scans = self.estimate(observations, observer);
 
         observer.stage(Stage::Predict);
-        let previous = self.filter.agent_covariance();
+        let last = self.filter.agent();
+        let previous = last.covariance;
         self.filter.predict(elapsed_s);
-        let predicted = self.filter.agent_covariance();
+        let before = self.filter.agent();
+        let predicted = before.covariance;
+        self.discovery.predict(&last, &before, elapsed_s);
+        if self.acquisition.is_none()
+            && LossMonitor::is_too_wide(before.covariance.m11, before.covariance.m22)
+        {
+            self.lose(last);
+        }
 
         observer.stage(Stage::Associate);
+        self.acquire(&scans, elapsed_s, tag_height_m);
         let heard = self.associate(&scans, tag_height_m, observer);
 
-        observer.stage(Stage::Update);
-        self.update(&heard);
-        let posterior = self.filter.agent_covariance();
-
-        observer.stage(Stage::Remember);
         let mut report = self.blank_report();
-        self.remember(&heard, &mut report);
+        report.acquiring = self.acquisition.is_some();
+        if !report.acquiring {
+            observer.stage(Stage::Update);
+            let before = self.filter.agent();
+            self.update(&heard);
+            let after = self.filter.agent();
+            self.discovery.follow(&before, &after);
 
-        observer.stage(Stage::Discover);
-        self.discover(&heard, tag_height_m, &mut report);
+            observer.stage(Stage::Remember);
+            self.remember(&heard, &mut report);
+            self.watch(&heard, &mut report);
+            report.nis = Self::normalised_innovation(&heard);
+
+            observer.stage(Stage::Discover);
+            self.discover(&heard, tag_height_m, &mut report);
+        }
+        let posterior = self.filter.agent_covariance();
 
         observer.stage(Stage::Act);
         // The reward belongs to the action received with, which need not be the one that was asked for.
@@ -275,6 +313,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 action: self.controller.action_index(),
                 measurements: Vec::new(),
                 framed: false,
+                threshold: 0.0,
             };
             let mut heard = false;
             // Ranges first: they outrank the paths near them.
@@ -331,6 +370,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         observer.estimate(frame.anchor, &estimate);
         into.action = frame.action;
         into.framed = true;
+        into.threshold = self.estimator.threshold();
         let ranges = into.measurements.len();
         let resolution_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         for path in &estimate.paths {
@@ -362,6 +402,98 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         Some(Sight { anchor_m: anchor.position_m, height_m })
     }
 
+    /// Gives the tag up: from now on it may be anywhere around `prior`.
+    fn lose(&mut self, prior: Agent) {
+        self.loss = LossMonitor::default();
+        self.acquisition = Some(Acquisition::new(prior));
+    }
+
+    /// Notices when the tag is not where it is believed to be.
+    fn watch(&mut self, heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>, report: &mut CycleReport) {
+        let (mut expected, mut found) = (0.0, 0.0);
+        for associated in heard {
+            for (regression, belief) in associated.features() {
+                let existence = match regression.source {
+                    Source::Direct { .. } => 1.0,
+                    Source::Virtual { slot, .. } => {
+                        self.environment.get(slot).map_or(0.0, |record| record.existence)
+                    }
+                };
+                expected += existence * self.detection(regression.source, associated.scan);
+                found += 1.0 - belief.missed;
+            }
+        }
+        if heard.is_empty() {
+            return;
+        }
+        self.loss.observe(expected, found);
+        if self.loss.is_lost() {
+            report.lost = true;
+            let start = &self.config.start;
+            let agent = self.filter.agent();
+            let reach = self.config.motion.position_std_limit_m;
+            let (position, velocity) = (reach * reach, start.velocity_std_m_s * start.velocity_std_m_s);
+            self.lose(Agent {
+                mean: Vector4::new(agent.mean.x, agent.mean.y, 0.0, 0.0),
+                covariance: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
+            });
+        }
+    }
+
+    /// While it is not known where the tag is: weighs the places it may be at, and puts it where it must be.
+    #[inline(never)]
+    fn acquire(&mut self, scans: &Vec<Scan<PATHS>, ANCHORS>, elapsed_s: f32, tag_height_m: Option<f32>) {
+        let Self { acquisition, discovery, filter, environment, anchors, unexplained, config, .. } = self;
+        let Some(acquiring) = acquisition else { return };
+        // Candidates are located relative to a tag that is about to jump.
+        discovery.clear();
+        acquiring.predict(&config.motion, elapsed_s);
+        let per_m = 1.0 / config.ranging.max_range_m;
+        let settings = &config.association;
+        let known = &*filter;
+        let sweeps = scans.iter().map(|scan| {
+            let (bias_m, bias_variance_m2) = known.bias_m(scan.anchor).unwrap_or((0.0, 0.0));
+            let sweep = Sweep {
+                measurements: &scan.measurements,
+                bias_m,
+                bias_variance_m2,
+                all_per_m: unexplained.get(scan.anchor).copied().unwrap_or(1.0) * per_m,
+                false_alarms_per_m: settings.clutter_per_anchor * per_m,
+            };
+            (scan.anchor, sweep)
+        });
+        let landmarks = |anchor: usize| {
+            let own = anchors.get(anchor);
+            let height_m = tag_height_m.zip(own).map_or(0.0, |(height, own)| own.height_m - height);
+            let direct = own.map(|own| Landmark {
+                position_m: own.position_m,
+                covariance_m2: [0.0; 3],
+                height_m,
+                detection: settings.detection_probability,
+            });
+            let reflected = environment.iter().filter(move |(_, record)| record.anchor == anchor);
+            direct.into_iter().chain(reflected.filter_map(move |(slot, record)| {
+                let (a, c) = known.virtual_anchor(slot)?;
+                Some(Landmark {
+                    position_m: [a.x, a.y],
+                    covariance_m2: [c.m11, c.m21, c.m22],
+                    height_m,
+                    detection: record.existence * settings.detection_probability,
+                })
+            }))
+        };
+        if !acquiring.observe(sweeps, landmarks) {
+            return;
+        }
+        match acquiring.settled() {
+            Some(agent) => {
+                filter.place(&agent);
+                *acquisition = None;
+            }
+            None => filter.place(&acquiring.summary()),
+        }
+    }
+
     /// Compares every scan with its anchor's features at the predicted state.
     fn associate<'a>(
         &self,
@@ -390,11 +522,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let anchor = scan.anchor;
         let settings = &self.config.association;
         let sight = self.sight(anchor, tag_height_m)?;
-        let expectation = |regression: &Regression, existence: f32| Expectation {
+        let expectation = |regression: &Regression, existence: f32, detection: f32| Expectation {
             range_m: regression.range_m,
             variance_m2: regression.variance_m2(),
             existence,
-            detection: settings.detection_probability,
+            detection,
         };
         let direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
         let mut virtual_anchors = Vec::new();
@@ -402,23 +534,57 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         for (slot, record) in self.environment.iter() {
             if record.anchor == anchor {
                 let regression = self.filter.regress(Source::Virtual { anchor, slot }, &sight)?;
-                let existence = self.environment.expected_existence(slot, settings.survival_probability);
+                let detection = self.detection(regression.source, scan);
+                let survival = settings.survival_probability;
+                let existence = self.environment.expected_existence(slot, survival, detection);
                 // One per slot at most: the pushes succeed.
                 let _ = virtual_anchors.push(regression);
-                let _ = expectations.push(expectation(&regression, existence));
+                let _ = expectations.push(expectation(&regression, existence, detection));
             }
         }
-        let per_m = 1.0 / self.config.ranging.max_range_m;
-        let unexplained = self.unexplained.get(anchor)?;
-        let clutter = Clutter {
-            false_alarms_per_m: settings.clutter_per_anchor * per_m,
-            all_per_m: unexplained * per_m,
-        };
-        let mut beliefs = associate(&expectation(&direct, 1.0), &expectations, &scan.measurements, &clutter);
+        let background = self.background(anchor);
+        let clutter =
+            Clutter { false_alarms_per_m: background.false_alarms_per_m, all_per_m: background.all_per_m };
+        let viewpoint = self.viewpoint(anchor, tag_height_m)?;
+        let claims = self.discovery.claim(anchor, &viewpoint, &scan.measurements, &background);
+        let direct_path = expectation(&direct, 1.0, self.detection(direct.source, scan));
+        let mut beliefs =
+            associate(&direct_path, &expectations, &scan.measurements, &claims.totals(), &clutter);
         if settings.mode == Mode::Map {
             beliefs.harden();
         }
-        Some(AssociatedScan { scan, direct, virtual_anchors, beliefs })
+        Some(AssociatedScan { scan, direct, virtual_anchors, claims, beliefs })
+    }
+
+    /// Probability that the path of an existing source is found in a scan: of frames by its SINR as remembered.
+    fn detection(&self, source: Source, scan: &Scan<PATHS>) -> f32 {
+        let told = self.config.association.detection_probability;
+        if !scan.framed {
+            return told;
+        }
+        if self.channel.has_seen(source) {
+            let sinr = self.channel.sinr(source, scan.action);
+            return limited(detection_probability(sinr, scan.threshold), LEAST_DETECTION, told);
+        }
+        match source {
+            Source::Virtual { slot, .. }
+                if self.environment.get(slot).is_some_and(|record| record.hits == 0) =>
+            {
+                UNSEEN_DETECTION
+            }
+            _ => told,
+        }
+    }
+
+    /// The same for every slot of the map; 0 for free ones.
+    fn detections(&self, scan: &Scan<PATHS>) -> [f32; VAS] {
+        let mut detections = [0.0; VAS];
+        for (slot, record) in self.environment.iter() {
+            if let Some(detection) = detections.get_mut(slot) {
+                *detection = self.detection(Source::Virtual { anchor: record.anchor, slot }, scan);
+            }
+        }
+        detections
     }
 
     /// Moves the state by everything associated: direct paths first, then virtual anchors, by anchor.
@@ -432,6 +598,21 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.filter.update(innovations);
     }
 
+    /// Mean normalised innovation squared of what was associated: 1 where the filter knows how wrong it is, 0 without
+    /// measurements.
+    fn normalised_innovation(heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>) -> f32 {
+        let (mut weight, mut squares) = (0.0, 0.0);
+        for associated in heard {
+            for (regression, belief) in associated.features() {
+                if let Some(innovation) = innovation(regression, &associated.scan.measurements, belief) {
+                    weight += innovation.weight;
+                    squares += innovation.second_m2 / (regression.variance_m2() + innovation.variance_m2);
+                }
+            }
+        }
+        if weight > 0.0 { squares / weight } else { 0.0 }
+    }
+
     /// Existence of virtual anchors, SINR of every source whose path was probably seen, and how much of each scan
     /// nothing explained.
     #[inline(never)]
@@ -441,7 +622,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let scan = &associated.scan;
             for (regression, belief) in associated.features() {
                 if let Source::Virtual { slot, .. } = regression.source {
-                    self.environment.remember(slot, belief.existence, belief.missed < 0.5);
+                    let detection = self.detection(regression.source, scan);
+                    self.environment.remember(slot, belief.existence, belief.missed < 0.5, detection);
                 }
                 self.remember_channel(regression.source, scan, belief);
             }
@@ -490,31 +672,86 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let Some(slot) = self.environment.forget_one() else { break };
             self.take_out(slot, report);
         }
+        self.merge(report);
         if !self.config.discovery {
             return;
         }
         for associated in heard {
             let anchor = associated.scan.anchor;
             let Some(sight) = self.sight(anchor, tag_height_m) else { continue };
-            let viewpoint = Viewpoint {
-                position_m: self.filter.position_m(),
-                covariance_m2: self.filter.position_covariance_m2(),
-                height_m: sight.height_m,
-            };
-            let bias_m = self.filter.bias_m(anchor).map_or(0.0, |(mean, _)| mean);
-            let mut leftovers: Vec<Measurement, PATHS> = Vec::new();
-            for (measurement, &free) in
-                associated.scan.measurements.iter().zip(&associated.beliefs.unassociated)
-            {
-                if free > 0.5 {
-                    // As many as measurements: the push succeeds.
-                    let _ =
-                        leftovers.push(Measurement { range_m: measurement.range_m - bias_m, ..*measurement });
-                }
-            }
-            self.discovery.observe(anchor, &viewpoint, &leftovers);
+            let Some(viewpoint) = self.viewpoint(anchor, tag_height_m) else { continue };
+            let background = self.background(anchor);
+            let AssociatedScan { scan, claims, beliefs, .. } = associated;
+            let free = &beliefs.unassociated;
+            let known_m = associated.features().map(|(regression, _)| regression.range_m);
+            let resolution_m = self.resolution_m(scan);
+            self.discovery.observe(
+                anchor,
+                &viewpoint,
+                &scan.measurements,
+                claims,
+                free,
+                &background,
+                known_m,
+                resolution_m,
+            );
             while let Some(found) = self.discovery.take_resolved(anchor) {
-                self.take_in(anchor, &sight, &found, report);
+                self.take_in(scan, &sight, &found, report);
+            }
+        }
+    }
+
+    /// How far apart two paths of a scan must be to be told apart, metres; 0 where the scan has ranges alone.
+    fn resolution_m(&self, scan: &Scan<PATHS>) -> f32 {
+        match self.controller.library().get(scan.action) {
+            Some(action) if scan.framed => action.pulse_duration_s * SPEED_OF_LIGHT_M_S,
+            _ => 0.0,
+        }
+    }
+
+    /// From where an anchor's candidates are seen.
+    fn viewpoint(&self, anchor: usize, tag_height_m: Option<f32>) -> Option<Viewpoint> {
+        let sight = self.sight(anchor, tag_height_m)?;
+        let (bias_m, _) = self.filter.bias_m(anchor)?;
+        let direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
+        Some(Viewpoint {
+            agent: self.filter.agent(),
+            height_m: sight.height_m,
+            bias_m,
+            direct_m: direct.range_m,
+            direct_variance_m2: direct.variance_m2(),
+        })
+    }
+
+    /// What the candidates of an anchor compete with.
+    fn background(&self, anchor: usize) -> Background {
+        let per_m = 1.0 / self.config.ranging.max_range_m;
+        let settings = &self.config.association;
+        Background {
+            all_per_m: self.unexplained.get(anchor).copied().unwrap_or(0.0) * per_m,
+            false_alarms_per_m: settings.clutter_per_anchor * per_m,
+            detection_probability: settings.detection_probability,
+        }
+    }
+
+    /// Forgets the younger of two virtual anchors of an anchor that are one.
+    fn merge(&mut self, report: &mut CycleReport) {
+        for slot in 0..VAS {
+            let Some(record) = self.environment.get(slot).copied() else { continue };
+            let Some((a, c)) = self.filter.virtual_anchor(slot) else { continue };
+            let is_same = |(other, twin): (usize, &Record)| {
+                let (b, d) = self.filter.virtual_anchor(other)?;
+                let (dx, dy) = (b.x - a.x, b.y - a.y);
+                let (xx, yx, yy) = (c.m11 + d.m11, c.m21 + d.m21, c.m22 + d.m22);
+                let form = yy * (dx * dx) - 2.0 * (yx * (dx * dy)) + xx * (dy * dy);
+                let near = dx * dx + dy * dy < NEAR_M * NEAR_M && form < xx * yy - yx * yx;
+                let older = twin.hits > record.hits || (twin.hits == record.hits && other < slot);
+                (twin.anchor == record.anchor && other != slot && near && older).then_some(())
+            };
+            let doubled = record.hits > 0 && self.environment.iter().any(|entry| is_same(entry).is_some());
+            if doubled {
+                self.environment.remove(slot);
+                self.take_out(slot, report);
             }
         }
     }
@@ -526,14 +763,16 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         report.forgotten += 1;
     }
 
-    /// Enters a discovery into the map, in the place of an unconfirmed virtual anchor if there is no other.
-    fn take_in(&mut self, anchor: usize, sight: &Sight, found: &Discovered, report: &mut CycleReport) {
+    /// Enters a discovery into the map, in the place of the virtual anchor that tells least if there is no other.
+    fn take_in(&mut self, scan: &Scan<PATHS>, sight: &Sight, found: &Discovered, report: &mut CycleReport) {
+        let anchor = scan.anchor;
         if self.is_known(anchor, sight, found) {
             return;
         }
         let mut slot = self.environment.free_slot();
         if slot.is_none() {
-            slot = self.environment.give_way();
+            let detections = self.detections(scan);
+            slot = self.environment.give_way(&detections);
             if let Some(slot) = slot {
                 self.take_out(slot, report);
             }
@@ -542,8 +781,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             report.map_full += 1;
             return;
         };
-        self.filter.insert_relative(slot, found.position, found.covariance);
-        self.environment.insert(slot, anchor, 0.9);
+        self.filter.insert_relative(slot, found.position, &found.gain, &found.covariance);
+        self.environment.insert(slot, anchor, 0.9, 1);
         report.discovered += 1;
     }
 
@@ -551,7 +790,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     fn is_known(&self, anchor: usize, sight: &Sight, found: &Discovered) -> bool {
         let near = |x: f32, y: f32| {
             let (dx, dy) = (found.position.x - x, found.position.y - y);
-            dx * dx + dy * dy < 0.09
+            dx * dx + dy * dy < NEAR_M * NEAR_M
         };
         let [x, y] = sight.anchor_m;
         near(x, y)
@@ -607,6 +846,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             anchors_heard: 0,
             measurements: 0,
             associated: 0,
+            acquiring: false,
+            lost: false,
+            nis: 0.0,
             discovered: 0,
             forgotten: 0,
             map_full: 0,
@@ -634,6 +876,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// The candidates for virtual anchors.
     pub fn discovery(&self) -> &Discovery<ANCHORS> {
         &self.discovery
+    }
+
+    /// The places the tag may be at, while it is not known.
+    pub fn acquisition(&self) -> Option<&Acquisition> {
+        self.acquisition.as_ref()
     }
 
     /// Action values and policy.
@@ -671,6 +918,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         self.channel.visit(|v| hash.float(v));
         self.discovery.visit(|v| hash.float(v));
+        hash.word(u32::from(self.acquisition.is_some()));
+        if let Some(acquisition) = &self.acquisition {
+            acquisition.visit(|v| hash.float(v));
+        }
+        self.loss.visit(|v| hash.float(v));
         let (values, policy) = (self.controller.values().values(), self.controller.policy());
         values.iter().chain(policy).for_each(|v| hash.float(*v));
         self.unexplained.iter().for_each(|v| hash.float(*v));

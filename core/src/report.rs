@@ -24,6 +24,14 @@ pub struct CycleReport {
     pub measurements: u32,
     /// Of those, how many more likely than not belong to a known feature.
     pub associated: u32,
+    /// Whether it is not known (yet, or any more) where the tag is: the position is then the mean of several places, and
+    /// no map is made.
+    pub acquiring: bool,
+    /// Whether the loss of the tag was noticed in this cycle; the next ones acquire it anew.
+    pub lost: bool,
+    /// Mean normalised innovation squared of the ranges associated: near 1 where the filter knows how wrong it is; 0
+    /// where nothing was associated.
+    pub nis: f32,
     /// Virtual anchors discovered in this cycle.
     pub discovered: u32,
     /// Virtual anchors forgotten in this cycle, including those that gave way to a discovery.

@@ -88,6 +88,8 @@ pub struct Coverage {
     pub forgotten: u64,
     /// Discoveries dropped because the map was full.
     pub map_full: u64,
+    /// Cycles after which it was not known yet where the tag is.
+    pub acquiring: u64,
     /// Changes of action.
     pub action_changes: u64,
     /// Cycles whose observations the core refused.
@@ -203,6 +205,7 @@ fn run<const A: usize>(
         comparison.hash("hash of all state", taken.hash, state_hash(&single));
 
         covered.add(&taken, &watch);
+        covered.acquiring += u64::from(tracker.acquisition().is_some());
         let decided = decision_difference(&single, &ours, &double, &precise);
         errors.add(cycle, distance(taken.report.position_m, precise.report.position_m), decided);
         on_progress(cycle + 1);
@@ -468,6 +471,16 @@ impl Comparison {
             self.float(stage, format_args!("mean of unexplained measurements of anchor {anchor}"), *a, *b);
         }
 
+        let stage = "acquire";
+        let (ours, theirs) = (core.acquisition(), &reference.acquisition);
+        let name = format_args!("whether the tag is searched for");
+        self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
+        if let (Some(ours), Some(theirs)) = (ours, theirs) {
+            numbers.clear();
+            ours.visit(|value| numbers.push(value));
+            self.list(stage, "the acquisition", &numbers, |f| theirs.visit(f));
+        }
+
         let stage = "discover";
         for anchor in 0..A {
             self.count(
@@ -505,6 +518,7 @@ impl Comparison {
             ("predicted entropy", a.predicted_entropy_nat, b.predicted_entropy_nat),
             ("entropy", a.entropy_nat, b.entropy_nat),
             ("reward", a.reward, b.reward),
+            ("normalised innovation", a.nis, b.nis),
             ("next carrier", a.next.carrier_hz, b.next.carrier_hz),
             ("next pulse duration", a.next.pulse_duration_s, b.next.pulse_duration_s),
         ];
@@ -516,6 +530,8 @@ impl Comparison {
             ("anchors heard", a.anchors_heard, b.anchors_heard),
             ("measurements", a.measurements, b.measurements),
             ("associated", a.associated, b.associated),
+            ("acquiring", u32::from(a.acquiring), u32::from(b.acquiring)),
+            ("lost", u32::from(a.lost), u32::from(b.lost)),
             ("discovered", a.discovered, b.discovered),
             ("forgotten", a.forgotten, b.forgotten),
             ("map full", a.map_full, b.map_full),
@@ -543,6 +559,12 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     }
     reference.channel.visit(&mut |_, value| hash.float(value));
     reference.discovery.visit(&mut |_, value| hash.float(value));
+    hash.word(u32::from(reference.acquisition.is_some()));
+    if let Some(acquisition) = &reference.acquisition {
+        acquisition.visit(&mut |_, value| hash.float(value));
+    }
+    hash.float(reference.loss.expected);
+    hash.float(reference.loss.found);
     for value in reference.values.iter().chain(&reference.policy).chain(&reference.unexplained) {
         hash.float(*value);
     }
@@ -573,6 +595,13 @@ fn decision_difference(
         if a.beliefs.most_probable() != b.beliefs.most_probable() {
             return Some(format!("most probable association of anchor {anchor}"));
         }
+    }
+    let places = [
+        single.acquisition.as_ref().map(|acquisition| acquisition.places()),
+        double.acquisition.as_ref().map(|acquisition| acquisition.places()),
+    ];
+    if places[0] != places[1] {
+        return Some("number of places the tag may be at".to_owned());
     }
     for anchor in 0..single.unexplained.len() {
         if single.discovery.candidates(anchor) != double.discovery.candidates(anchor) {

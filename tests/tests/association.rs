@@ -39,7 +39,10 @@ fn core_and_twin_agree_in_every_bit() {
         }
         let false_alarms_per_m = if problem % 5 == 0 { 0.0 } else { 0.03 };
         let clutter = Clutter { false_alarms_per_m, all_per_m: 0.03 + 0.2 * uniform() };
-        let ours = associate(&direct, &virtual_anchors, &scan, &clutter);
+        // What candidates claim makes a measurement more probable, by anything from nothing to a lot.
+        let claims: [f32; PATHS] =
+            std::array::from_fn(|_| if uniform() < 0.5 { 1.0 } else { 1.0 / (1e-3 + uniform()) });
+        let ours = associate(&direct, &virtual_anchors, &scan, &claims, &clutter);
 
         let plain = |feature: &Expectation| twin::Expectation {
             range_m: feature.range_m,
@@ -60,7 +63,7 @@ fn core_and_twin_agree_in_every_bit() {
             .collect();
         let clutter =
             twin::Clutter { false_alarms_per_m: clutter.false_alarms_per_m, all_per_m: clutter.all_per_m };
-        let theirs = twin::associate(&features, &measurements, &clutter);
+        let theirs = twin::associate(&features, &measurements, &claims, &clutter);
 
         assert_eq!(ours.iterations, theirs.iterations, "problem {problem}");
         for (ours, theirs) in ours.features().zip(&theirs.features) {

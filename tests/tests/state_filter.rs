@@ -3,7 +3,7 @@
 
 use cogmint::reference::state_filter as twin;
 use cogmint_core::perceptor::state_filter::{Innovation, Motion, Sight, Source, StateFilter};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
@@ -245,42 +245,45 @@ fn the_order_of_measurements_within_a_cycle_does_not_matter() {
     }
 }
 
-/// Cholesky pivots, in f64, of the covariance over the occupied states; the least, relative to its diagonal.
-fn least_pivot(filter: &StateFilter<2, 24>) -> f64 {
+/// The whole covariance: agent, biases, virtual anchors by slot.
+fn covariance<const A: usize, const V: usize>(filter: &StateFilter<A, V>) -> DMatrix<f64> {
     let mut numbers = Vec::new();
     filter.visit(|v| numbers.push(f64::from(v)));
-    // Order of `visit`: means (4, 2 biases, 48), C_xx (16, by columns), C_xb (2 x 4), C_bb (4), then per virtual
-    // anchor C_xa (8, by columns), C_ba (2 x 2), C_aa up to its own (4 each, by columns).
-    let n = 4 + 48;
+    let (biases, slots) = (4, 4 + A);
+    let n = slots + 2 * V;
     let mut c = DMatrix::<f64>::zeros(n, n);
-    let mut at = 4 + 2 + 48;
-    for column in 0..4 {
-        for row in 0..4 {
-            c[(row, column)] = numbers[at];
-            at += 1;
-        }
-    }
-    at += 8 + 4;
-    for k in 0..24 {
-        for column in 0..2 {
-            for row in 0..4 {
-                c[(row, 4 + 2 * k + column)] = numbers[at];
-                c[(4 + 2 * k + column, row)] = numbers[at];
-                at += 1;
+    let mut numbers = numbers.into_iter().skip(n);
+    let mut block = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
+        for column in columns {
+            for row in rows.clone() {
+                let value = numbers.next().expect("as many numbers as entries");
+                c[(row, column)] = value;
+                c[(column, row)] = value;
             }
         }
-        at += 4;
+    };
+    // Order of `visit` after the means: C_xx, C_xb, C_bb by rows, then per virtual anchor C_xa, C_ba by biases, and C_aa
+    // up to its own.
+    block(0..4, 0..4);
+    block(0..4, biases..slots);
+    block(biases..slots, biases..slots);
+    for k in 0..V {
+        let own = slots + 2 * k..slots + 2 * k + 2;
+        block(0..4, own.clone());
+        block(own.clone(), biases..slots);
         for l in 0..=k {
-            for column in 0..2 {
-                for row in 0..2 {
-                    c[(4 + 2 * k + row, 4 + 2 * l + column)] = numbers[at];
-                    c[(4 + 2 * l + column, 4 + 2 * k + row)] = numbers[at];
-                    at += 1;
-                }
-            }
+            block(own.clone(), slots + 2 * l..slots + 2 * l + 2);
         }
     }
-    assert_eq!(at, numbers.len());
+    assert!(numbers.next().is_none());
+    c
+}
+
+/// Cholesky pivots of a covariance without its rows and columns of zeros; the least, relative to its diagonal.
+fn least_pivot(covariance: &DMatrix<f64>) -> f64 {
+    let used: Vec<usize> = (0..covariance.nrows()).filter(|&i| covariance[(i, i)] != 0.0).collect();
+    let mut c = covariance.select_rows(&used).select_columns(&used);
+    let n = used.len();
     let mut least = f64::INFINITY;
     for i in 0..n {
         let diagonal = c[(i, i)];
@@ -343,7 +346,7 @@ fn the_covariance_stays_positive_definite_at_full_size() {
                 }
                 filter.update(innovations);
                 if cycle < 100 || cycle % 200 == 0 {
-                    least = least.min(least_pivot(&filter));
+                    least = least.min(least_pivot(&covariance(&filter)));
                     assert!(
                         least > 0.0,
                         "deviation {deviation} m, prior {prior} m, cycle {cycle}: relative pivot {least:e}"
@@ -387,4 +390,101 @@ fn range_biases_are_found_while_the_tag_moves() {
         println!("anchor {anchor}: bias off by {error:.3} m, deviation {:.3} m", variance.sqrt());
         assert!(error.abs() < 0.03 && variance.sqrt() < 0.03, "anchor {anchor}: {error} m");
     }
+}
+
+/// A filter with correlations everywhere: two biases, and virtual anchors in three of its five slots.
+fn correlated(noise: &mut Noise) -> StateFilter<2, 5> {
+    let motion =
+        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let mut filter = StateFilter::<2, 5>::new(motion, [3.0, 7.0], 0.2, 0.3, 0.0, 0.1);
+    let images = [(0, [-0.5, 7.0]), (2, [11.5, 7.0]), (4, [5.2, -3.2])];
+    for (slot, image) in images {
+        assert!(filter.insert_independent(slot, image, 0.2));
+    }
+    for cycle in 0..30 {
+        let truth = [3.0 + 0.03 * f64::from(cycle), 7.0 - 0.02 * f64::from(cycle)];
+        filter.predict(0.1);
+        let sources = (0..2)
+            .map(|anchor| (Source::Direct { anchor }, ANCHORS[anchor]))
+            .chain(images.map(|(slot, image)| (Source::Virtual { anchor: slot / 3, slot }, image)));
+        let innovations: Vec<Innovation> = sources
+            .map(|(source, [x, y])| {
+                let range = (truth[0] - f64::from(x)).hypot(truth[1] - f64::from(y));
+                innovation(&filter, source, (range + 0.05 * noise.normal()) as f32, 0.0025)
+            })
+            .collect();
+        filter.update(innovations);
+    }
+    filter
+}
+
+#[test]
+fn what_is_inserted_relative_to_the_tag_moves_with_it_and_with_all_it_is_correlated_with() {
+    let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(31));
+    for slot in [1, 3] {
+        for _ in 0..50 {
+            let mut filter = correlated(&mut noise);
+            let before = covariance(&filter);
+            let mut uniform = || (4.0 * noise.uniform() - 2.0) as f32;
+            let gain = Matrix2::new(uniform(), uniform(), uniform(), uniform());
+            let root = Matrix2::new(uniform(), uniform(), uniform(), uniform()) * 0.1;
+            let own = root * root.transpose();
+            assert!(filter.insert_relative(slot, Vector2::new(1.0, 2.0), &gain, &own));
+            let after = covariance(&filter);
+
+            // C <- M C M' + N, where M copies every state and puts G p in the place of the new one.
+            let a = 6 + 2 * slot;
+            let mut map = DMatrix::<f64>::identity(before.nrows(), before.nrows());
+            let mut added = DMatrix::<f64>::zeros(before.nrows(), before.nrows());
+            map.view_mut((a, a), (2, 2)).fill(0.0);
+            map.view_mut((a, 0), (2, 2)).copy_from(&gain.map(f64::from));
+            added.view_mut((a, a), (2, 2)).copy_from(&own.map(f64::from));
+            let expected = &map * before * map.transpose() + added;
+            for i in 0..expected.nrows() {
+                for j in 0..expected.ncols() {
+                    let scale = (expected[(i, i)] * expected[(j, j)]).sqrt();
+                    let off = (after[(i, j)] - expected[(i, j)]).abs();
+                    assert!(off <= 1e-6 * scale, "slot {slot}, entry ({i}, {j}): off by {off:e}");
+                }
+            }
+            let (mean, block) = filter.virtual_anchor(slot).unwrap();
+            assert_eq!(mean, Vector2::new(1.0, 2.0));
+            assert_eq!(block.m12, block.m21);
+        }
+    }
+}
+
+#[test]
+fn the_covariance_stays_positive_definite_when_what_is_inserted_says_little_of_its_own() {
+    let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(32));
+    let mut least = f64::INFINITY;
+    for run in 0..200 {
+        let mut filter = correlated(&mut noise);
+        // Known to a millimetre given the tag, and up to ten times as far off as the tag is.
+        let reach = 10f64.powf(noise.uniform());
+        let mut entry = || (reach * (2.0 * noise.uniform() - 1.0)) as f32;
+        let gain = Matrix2::new(entry(), entry(), entry(), entry());
+        let own = Matrix2::new(1e-6, 0.0, 0.0, 1e-6);
+        assert!(filter.insert_relative([1, 3][run % 2], Vector2::new(-4.0, 2.0), &gain, &own));
+        least = least.min(least_pivot(&covariance(&filter)));
+        assert!(least > 0.0, "run {run}: relative pivot {least:e}");
+        for _ in 0..20 {
+            filter.predict(0.1);
+            let direct = [0, 1].map(|anchor| innovation(&filter, Source::Direct { anchor }, 5.0, 1e-4));
+            filter.update(direct);
+        }
+        least = least.min(least_pivot(&covariance(&filter)));
+        assert!(least > 0.0, "run {run}, later: relative pivot {least:e}");
+    }
+    println!("least relative pivot {least:.1e}");
+}
+
+#[test]
+fn a_slot_that_is_taken_or_does_not_exist_takes_nothing() {
+    let mut filter = correlated(&mut Noise(Xoshiro128PlusPlus::seed_from_u64(33)));
+    let before = covariance(&filter);
+    let unit = Matrix2::identity();
+    assert!(!filter.insert_relative(2, Vector2::new(0.0, 0.0), &unit, &unit));
+    assert!(!filter.insert_relative(5, Vector2::new(0.0, 0.0), &unit, &unit));
+    assert_eq!(covariance(&filter), before);
 }

@@ -48,7 +48,7 @@ pub struct Outlook {
 }
 
 /// Near-constant-velocity prediction of the agent's covariance, F C F' + sigma_a^2 G G'.
-pub fn predict_agent(c: &Matrix4<f32>, dt: f32, acceleration_std_m_s2: f32) -> Matrix4<f32> {
+pub(crate) fn predict_agent(c: &Matrix4<f32>, dt: f32, acceleration_std_m_s2: f32) -> Matrix4<f32> {
     let variance = acceleration_std_m_s2 * acceleration_std_m_s2;
     let from_velocity = variance * (dt * dt);
     let from_both = from_velocity * (0.5 * dt);

@@ -164,6 +164,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         }
     }
 
+    /// Whether `source` was ever seen.
+    pub fn has_seen(&self, source: Source) -> bool {
+        self.row(source).is_some_and(|row| row.reference > 0.0)
+    }
+
     /// SINR (linear, 0.01 to 1e6) expected of `source` at `action`.
     pub fn sinr(&self, source: Source, action: usize) -> f32 {
         let Some(moments) = self.row(source).and_then(|row| row.moments.get(action)) else {

@@ -2,7 +2,8 @@
 //!
 //! The state filter holds where they are; this memory holds that they are. Existence follows the Bernoulli
 //! recursion r <- P_s r between scans and the association's posterior after each; a virtual anchor is confirmed
-//! above 0.5 and forgotten below 1e-3, or after 60 scans in a row without a path.
+//! above 0.5 and forgotten below 1e-3, or after 200 scans without the path that was expected. A virtual anchor that is
+//! hidden (its SINR says so) neither proves nor disproves that it exists, and keeps its existence.
 
 use crate::real::smaller;
 
@@ -10,8 +11,12 @@ use crate::real::smaller;
 pub const CONFIRMED: f32 = 0.5;
 /// Existence below which it is forgotten.
 const FORGOTTEN: f32 = 1e-3;
-/// Scans in a row without a path after which it is forgotten.
-const MISSES: u16 = 60;
+/// Scans without a path, since the last with one, after which it is forgotten; only those in which one was expected
+/// count.
+const MISSES: u16 = 200;
+/// Detection probability below which a virtual anchor counts as hidden, and above which a path is expected.
+const HIDDEN: f32 = 0.1;
+const EXPECTED: f32 = 0.5;
 /// Existence is never certain: a wall can be taken down.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -23,7 +28,7 @@ pub struct Record {
     pub anchor: usize,
     /// Probability that it exists.
     pub existence: f32,
-    /// Scans in a row without a path.
+    /// Scans without the path that was expected, since the last with one.
     pub misses: u16,
     /// Scans with a path.
     pub hits: u32,
@@ -57,45 +62,53 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
         self.records.iter().position(Option::is_none)
     }
 
-    /// Fills a free slot; does nothing where it is taken or does not exist.
-    pub fn insert(&mut self, slot: usize, anchor: usize, existence: f32) {
+    /// Fills a free slot with a virtual anchor seen `hits` times so far; does nothing where it is taken or does not exist.
+    pub fn insert(&mut self, slot: usize, anchor: usize, existence: f32, hits: u32) {
         if let Some(record @ None) = self.records.get_mut(slot) {
-            *record =
-                Some(Record { anchor, existence: smaller(existence, MOST_CERTAIN), misses: 0, hits: 0 });
+            *record = Some(Record { anchor, existence: smaller(existence, MOST_CERTAIN), misses: 0, hits });
         }
     }
 
-    /// Existence of the virtual anchor in `slot` before a scan: P_s r.
-    pub fn expected_existence(&self, slot: usize, survival: f32) -> f32 {
+    /// Existence of the virtual anchor in `slot` before a scan: P_s r, or r where it is hidden.
+    pub fn expected_existence(&self, slot: usize, survival: f32, detection: f32) -> f32 {
+        let survival = if detection < HIDDEN { 1.0 } else { survival };
         self.get(slot).map_or(0.0, |record| smaller(record.existence * survival, MOST_CERTAIN))
     }
 
-    /// Enters the outcome of a scan: the posterior existence and whether a path was (probably) seen.
-    pub fn remember(&mut self, slot: usize, existence: f32, seen: bool) {
+    /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and how probable it was.
+    pub fn remember(&mut self, slot: usize, existence: f32, seen: bool, detection: f32) {
         if let Some(Some(record)) = self.records.get_mut(slot) {
             record.existence = smaller(existence, MOST_CERTAIN);
             if seen {
                 record.misses = 0;
                 record.hits = record.hits.saturating_add(1);
-            } else {
+            } else if detection > EXPECTED {
                 record.misses = record.misses.saturating_add(1);
             }
         }
     }
 
-    /// When the map is full: forgets the least probable virtual anchor, if it is not confirmed; returns its slot.
-    pub fn give_way(&mut self) -> Option<usize> {
-        let (slot, record) = self
-            .records
-            .iter_mut()
-            .enumerate()
-            .filter(|(_, record)| record.is_some_and(|record| record.existence <= CONFIRMED))
-            .reduce(|a, b| {
-                let existence = |record: &Option<Record>| record.map_or(0.0, |record| record.existence);
-                if existence(b.1) < existence(a.1) { b } else { a }
-            })?;
-        *record = None;
+    /// When the map is full: forgets the virtual anchor that tells least, the product of its existence and of its detection
+    /// probability (by slot), if that is at most 1/2; returns its slot.
+    pub fn give_way(&mut self, detections: &[f32; VAS]) -> Option<usize> {
+        let mut least: Option<(usize, f32)> = None;
+        for ((slot, record), detection) in self.records.iter().enumerate().zip(detections) {
+            let Some(record) = record else { continue };
+            let worth = record.existence * detection;
+            if worth <= CONFIRMED && least.is_none_or(|(_, least)| worth < least) {
+                least = Some((slot, worth));
+            }
+        }
+        let (slot, _) = least?;
+        self.remove(slot);
         Some(slot)
+    }
+
+    /// Forgets the virtual anchor in `slot`.
+    pub fn remove(&mut self, slot: usize) {
+        if let Some(record) = self.records.get_mut(slot) {
+            *record = None;
+        }
     }
 
     /// Forgets the first virtual anchor that has become improbable; returns its slot.

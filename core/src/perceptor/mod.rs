@@ -5,7 +5,9 @@
 //! which virtual anchor, [`state_filter`] moves the estimate, and [`discovery`] looks for virtual anchors among
 //! the paths that were left over.
 
+pub mod acquisition;
 pub mod association;
 pub mod channel_estimator;
 pub mod discovery;
+pub mod loss;
 pub mod state_filter;

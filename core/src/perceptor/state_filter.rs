@@ -140,6 +140,15 @@ struct StateVector<const ANCHORS: usize, const VAS: usize> {
     virtual_anchors: [Vector2<f32>; VAS],
 }
 
+/// The tag alone: mean and covariance of x = [p, v].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Agent {
+    /// Position (metres) and velocity (m/s).
+    pub mean: Vector4<f32>,
+    /// Their covariance.
+    pub covariance: Matrix4<f32>,
+}
+
 /// Changes scale w w' that C_aa lacks as yet: at most `N`.
 struct Pending<const VAS: usize, const N: usize> {
     waiting: usize,
@@ -189,17 +198,38 @@ impl<const VAS: usize, const N: usize> Pending<VAS, N> {
     }
 }
 
-/// C_aa[k][l] <- C_aa[k][l] + (scale w_k) w_l' for every change.
+/// C_aa[k][l] <- C_aa[k][l] + (scale w_k) w_l'.
+#[inline(always)]
+fn change_once(block: &mut Matrix2<f32>, k: &Vector2<f32>, l: &Vector2<f32>) {
+    block.m11 += k.x * l.x;
+    block.m12 += k.x * l.y;
+    block.m21 += k.y * l.x;
+    block.m22 += k.y * l.y;
+}
+
+/// The same for every change.
 fn change<'a>(
     block: &mut Matrix2<f32>,
     scaled_k: impl IntoIterator<Item = &'a Vector2<f32>>,
     w_l: impl IntoIterator<Item = &'a Vector2<f32>>,
 ) {
     for (k, l) in scaled_k.into_iter().zip(w_l) {
-        block.m11 += k.x * l.x;
-        block.m12 += k.x * l.y;
-        block.m21 += k.y * l.x;
-        block.m22 += k.y * l.y;
+        change_once(block, k, l);
+    }
+}
+
+/// The same for a full pass, unrolled by hand: the target's image is optimised for size.
+#[inline(always)]
+fn change_all(block: &mut Matrix2<f32>, scaled_k: &[Vector2<f32>], w_l: &[Vector2<f32>]) {
+    if let ([a, b, c, d], [e, f, g, h]) = (scaled_k, w_l) {
+        let mut changed = *block;
+        change_once(&mut changed, a, e);
+        change_once(&mut changed, b, f);
+        change_once(&mut changed, c, g);
+        change_once(&mut changed, d, h);
+        *block = changed;
+    } else {
+        change(block, scaled_k, w_l);
     }
 }
 
@@ -274,6 +304,11 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         [self.mean.agent.z, self.mean.agent.w]
     }
 
+    /// Position and velocity with their covariance.
+    pub fn agent(&self) -> Agent {
+        Agent { mean: self.mean.agent, covariance: self.covariance.xx }
+    }
+
     /// Covariance of position and velocity.
     pub fn agent_covariance(&self) -> Matrix4<f32> {
         self.covariance.xx
@@ -300,25 +335,72 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         Some((*self.mean.virtual_anchors.get(slot)?, *self.covariance.aa.get(slot)?.get(slot)?))
     }
 
+    /// Puts the tag somewhere else: its covariance with everything else is gone.
+    pub fn place(&mut self, agent: &Agent) {
+        self.mean.agent = agent.mean;
+        let c = &mut self.covariance;
+        c.xx = agent.covariance;
+        c.xb.iter_mut().for_each(|cross| cross.fill(0.0));
+        c.xa.iter_mut().for_each(|cross| cross.fill(0.0));
+    }
+
     /// Adds a virtual anchor that is not correlated with anything; false where `slot` is taken or does not exist.
     pub fn insert_independent(&mut self, slot: usize, position_m: [f32; 2], std_m: f32) -> bool {
         let [x, y] = position_m;
         let variance = std_m * std_m;
-        self.insert(slot, Vector2::new(x, y), Matrix2::new(variance, 0.0, 0.0, variance), false)
+        self.insert(slot, Vector2::new(x, y), Matrix2::new(variance, 0.0, 0.0, variance))
     }
 
-    /// Adds a virtual anchor located relative to the tag: its error is the tag's position error plus
-    /// `relative_covariance`. Hence C_aa = C_pp + C_rel and C_a* = C_p* for every other state.
+    /// Adds a virtual anchor located relative to the tag's position p: its deviation is `gain` (p - E p) plus an error
+    /// of covariance `own`. Hence C_aa = G C_pp G' + C_own and C_a* = G C_p* for every other state.
     pub fn insert_relative(
         &mut self,
         slot: usize,
         position: Vector2<f32>,
-        relative_covariance: Matrix2<f32>,
+        gain: &Matrix2<f32>,
+        own: &Matrix2<f32>,
     ) -> bool {
-        self.insert(slot, position, relative_covariance, true)
+        if !self.insert(slot, position, *own) {
+            return false;
+        }
+        let c = &mut self.covariance;
+        // Row of C_a* for a column (x, y) of C_p*.
+        let carried = |x: f32, y: f32| (gain.m11 * x + gain.m12 * y, gain.m21 * x + gain.m22 * y);
+        let xx = c.xx;
+        let (m11, m12) = carried(xx.m11, xx.m21);
+        let (m21, m22) = carried(xx.m21, xx.m22);
+        let (m31, m32) = carried(xx.m31, xx.m32);
+        let (m41, m42) = carried(xx.m41, xx.m42);
+        if let Some(cross) = c.xa.get_mut(slot) {
+            *cross = Matrix4x2::new(m11, m12, m21, m22, m31, m32, m41, m42);
+        }
+        if let Some(row) = c.ba.get_mut(slot) {
+            for (ba, xb) in row.iter_mut().zip(&c.xb) {
+                let (x, y) = carried(xb.x, xb.y);
+                *ba = Vector2::new(x, y);
+            }
+        }
+        // Earlier slots: this row's blocks. Later slots: the blocks of their rows, transposed.
+        for (row, xa) in c.aa.iter_mut().zip(&c.xa).skip(slot + 1) {
+            if let Some(block) = row.get_mut(slot) {
+                let ((xx, yx), (xy, yy)) = (carried(xa.m11, xa.m21), carried(xa.m12, xa.m22));
+                *block = Matrix2::new(xx, yx, xy, yy);
+            }
+        }
+        if let Some(row) = c.aa.get_mut(slot) {
+            for (block, xa) in row.iter_mut().zip(&c.xa).take(slot) {
+                let ((xx, yx), (xy, yy)) = (carried(xa.m11, xa.m21), carried(xa.m12, xa.m22));
+                *block = Matrix2::new(xx, xy, yx, yy);
+            }
+            if let Some(block) = row.get_mut(slot) {
+                let ((xx, yx), (_, yy)) = (carried(m11, m21), carried(m12, m22));
+                *block = Matrix2::new(own.m11 + xx, own.m21 + yx, own.m21 + yx, own.m22 + yy);
+            }
+        }
+        true
     }
 
-    fn insert(&mut self, slot: usize, position: Vector2<f32>, own: Matrix2<f32>, follows_tag: bool) -> bool {
+    fn insert(&mut self, slot: usize, position: Vector2<f32>, own: Matrix2<f32>) -> bool {
         let Some(occupied) = self.occupied.get_mut(slot) else { return false };
         if *occupied {
             return false;
@@ -328,38 +410,8 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             *mean = position;
         }
         self.clear_covariance(slot);
-        let c = &mut self.covariance;
-        let mut variance = own;
-        if follows_tag {
-            let xx = c.xx;
-            variance.m11 += xx.m11;
-            variance.m21 += xx.m21;
-            variance.m12 += xx.m21;
-            variance.m22 += xx.m22;
-            if let Some(cross) = c.xa.get_mut(slot) {
-                *cross = Matrix4x2::new(xx.m11, xx.m12, xx.m21, xx.m22, xx.m31, xx.m32, xx.m41, xx.m42);
-            }
-            if let Some(row) = c.ba.get_mut(slot) {
-                for (cross, xb) in row.iter_mut().zip(&c.xb) {
-                    *cross = Vector2::new(xb.x, xb.y);
-                }
-            }
-            // Earlier slots: this row's blocks. Later slots: the blocks of their rows, transposed.
-            for (k, (row, xa)) in c.aa.iter_mut().zip(&c.xa).enumerate() {
-                if k > slot
-                    && let Some(block) = row.get_mut(slot)
-                {
-                    *block = Matrix2::new(xa.m11, xa.m21, xa.m12, xa.m22);
-                }
-            }
-            if let Some(row) = c.aa.get_mut(slot) {
-                for (block, xa) in row.iter_mut().zip(&c.xa).take(slot) {
-                    *block = Matrix2::new(xa.m11, xa.m12, xa.m21, xa.m22);
-                }
-            }
-        }
-        if let Some(block) = c.aa.get_mut(slot).and_then(|row| row.get_mut(slot)) {
-            *block = variance;
+        if let Some(block) = self.covariance.aa.get_mut(slot).and_then(|row| row.get_mut(slot)) {
+            *block = own;
         }
         true
     }
@@ -776,10 +828,10 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             }
             let scaled = pending.scaled(own);
             for (block, other) in row.iter_mut().zip(&pending.w).take(k) {
-                change(block, &scaled, other);
+                change_all(block, &scaled, other);
             }
             if let Some(block) = row.get_mut(k) {
-                change(block, &scaled, own);
+                change_all(block, &scaled, own);
                 block.m12 = block.m21;
             }
         }

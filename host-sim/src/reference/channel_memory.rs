@@ -151,6 +151,11 @@ impl<T: Real> ChannelMemory<T> {
         self.virtual_anchors[slot] = Row::empty(actions);
     }
 
+    /// Whether a source was ever seen.
+    pub fn has_seen(&self, source: Source) -> bool {
+        self.row(source).reference > T::ZERO
+    }
+
     /// SINR (linear) expected of a source with an action.
     pub fn sinr(&self, source: Source, action: usize) -> T {
         let num = T::of;

@@ -1,18 +1,20 @@
 //! The whole cycle, stage by stage: [`Reference::cycle`] reads top to bottom.
 
 use super::Matrix;
-use super::association::{Beliefs, Clutter, Expectation, Measurement, associate};
+use super::acquisition::{Acquisition, Landmark, Sweep};
+use super::association::{Beliefs, Clutter, Expectation, Measurement, associate, detection_probability};
 use super::channel_estimator::{ChannelEstimate, ChannelEstimator};
 use super::channel_memory::ChannelMemory;
 use super::controller::{
     Horizon, Library, Outlook, Visible, choose, learn, plan_one, planned_set, policy, reward,
 };
-use super::discovery::{Discovered, Discovery, Viewpoint};
+use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::information::position_entropy_nat;
+use super::loss::LossMonitor;
 use super::pulse::Pulse;
-use super::real::{Real, abs, larger, speed_of_light, square};
-use super::state_filter::{Innovation, PX, PY, Prior, Regression, Sight, StateFilter};
+use super::real::{Real, abs, larger, limited, speed_of_light, square};
+use super::state_filter::{Agent, Innovation, PX, PY, Prior, Regression, Sight, StateFilter, VX, VY};
 use cogmint_core::controller::library::Action;
 use cogmint_core::observation::{Frame, Observation, RangeScan};
 use cogmint_core::perceptor::association::Mode;
@@ -20,6 +22,13 @@ use cogmint_core::perceptor::state_filter::Source;
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
+
+/// Least detection probability of a source that was seen before.
+const LEAST_DETECTION: f32 = 0.01;
+/// Detection probability of a virtual anchor that is on the map but was never seen.
+const UNSEEN_DETECTION: f32 = 0.1;
+/// Virtual anchors nearer than this may be one, metres.
+const NEAR_M: f32 = 0.3;
 
 /// The sizes that are part of the core's type.
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +57,8 @@ pub struct Scan<T> {
     pub measurements: Vec<Measurement<T>>,
     /// Whether there was a frame, in which a missing path means something.
     pub framed: bool,
+    /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
+    pub threshold: T,
 }
 
 /// A scan and what was made of it; features are the direct path, then the anchor's virtual anchors by slot.
@@ -57,6 +68,8 @@ pub struct AssociatedScan<T> {
     pub scan: Scan<T>,
     /// Per feature, the range expected.
     pub regressions: Vec<Regression<T>>,
+    /// What the candidates of the discovery made of it.
+    pub claims: Claims<T>,
     /// Per feature, the beliefs.
     pub beliefs: Beliefs<T>,
 }
@@ -74,6 +87,9 @@ pub struct Report<T> {
     pub anchors_heard: u32,
     pub measurements: u32,
     pub associated: u32,
+    pub acquiring: bool,
+    pub lost: bool,
+    pub nis: T,
     pub discovered: u32,
     pub forgotten: u32,
     pub map_full: u32,
@@ -114,6 +130,10 @@ pub struct Reference<T> {
     pub channel: ChannelMemory<T>,
     /// Candidates for virtual anchors.
     pub discovery: Discovery<T>,
+    /// Places the tag may be at, while it is not known where it is.
+    pub acquisition: Option<Acquisition<T>>,
+    /// Whether it is where it is believed to be.
+    pub loss: LossMonitor<T>,
     /// Action values J.
     pub values: Vec<T>,
     /// Policy pi.
@@ -144,10 +164,11 @@ impl<T: Real> Reference<T> {
             bias_std_m: config.ranging.bias_std_m,
         };
         let mut filter = StateFilter::new(capacity.anchors, capacity.virtual_anchors, config.motion, &prior);
+        let acquisition = Some(Acquisition::new(filter.agent()));
         let mut environment = EnvironmentMemory::new(capacity.virtual_anchors);
         for slot in 0..map.len() {
             filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(map[slot].std_m));
-            environment.insert(slot, map[slot].anchor, T::of(0.9));
+            environment.insert(slot, map[slot].anchor, T::of(0.9), 0);
         }
         let values = vec![T::ZERO; capacity.actions];
         let policy = policy(&values, actions.len(), T::of(config.controller.choice.temperature_nat));
@@ -170,6 +191,8 @@ impl<T: Real> Reference<T> {
                 T::of(config.controller.prior_sinr),
             ),
             discovery: Discovery::new(capacity.anchors),
+            acquisition,
+            loss: LossMonitor::new(),
             values,
             policy,
             action: config.controller.first_action,
@@ -189,23 +212,34 @@ impl<T: Real> Reference<T> {
         let heights = self.heights(tag_height_m);
         let (estimates, scans) = self.estimate(observations);
 
-        let previous = self.filter.agent_covariance();
+        let last = self.filter.agent();
         self.filter.predict(elapsed_s);
-        let predicted = self.filter.agent_covariance();
+        let predicted = self.filter.agent();
+        self.discovery.predict(&last, &predicted, elapsed_s);
+        let variances = (predicted.covariance[PX][PX], predicted.covariance[PY][PY]);
+        if self.acquisition.is_none() && LossMonitor::is_too_wide(variances.0, variances.1) {
+            self.lose(last.clone());
+        }
+        self.acquire(&scans, elapsed_s, &heights);
 
         // All scans are associated, and all regressions taken, before the first update.
         let heard: Vec<_> = scans.into_iter().map(|scan| self.associate(scan, &heights)).collect();
 
-        let mut innovations = Vec::new();
-        for scan in &heard {
-            innovations.extend(innovations_of(scan));
-        }
-        self.filter.update(&innovations);
-        let posterior = self.filter.agent_covariance();
-
         let mut report = self.blank_report();
-        self.remember(&heard, &mut report);
-        self.discover(&heard, &heights, &mut report);
+        report.acquiring = self.acquisition.is_some();
+        if !report.acquiring {
+            let before = self.filter.agent();
+            let mut innovations = Vec::new();
+            for scan in &heard {
+                innovations.extend(innovations_of(scan));
+            }
+            self.filter.update(&innovations);
+            self.discovery.follow(&before, &self.filter.agent());
+            self.remember(&heard, &mut report);
+            self.watch(&heard, &mut report);
+            report.nis = normalised_innovation(&heard);
+            self.discover(&heard, &heights, &mut report);
+        }
         // The action received with earns the reward.
         for associated in &heard {
             if associated.scan.framed {
@@ -213,7 +247,9 @@ impl<T: Real> Reference<T> {
                 break;
             }
         }
-        self.act([&previous, &predicted, &posterior], elapsed_s, &heights, &mut report);
+        let posterior = self.filter.agent_covariance();
+        let covariances = [&last.covariance, &predicted.covariance, &posterior];
+        self.act(covariances, elapsed_s, &heights, &mut report);
 
         for observation in observations {
             if let Observation::Frame(Frame { anchor, sequence: Some(sequence), .. }) = *observation {
@@ -246,7 +282,13 @@ impl<T: Real> Reference<T> {
             if mine.is_empty() {
                 continue;
             }
-            let mut scan = Scan { anchor, action: self.action, measurements: Vec::new(), framed: false };
+            let mut scan = Scan {
+                anchor,
+                action: self.action,
+                measurements: Vec::new(),
+                framed: false,
+                threshold: T::ZERO,
+            };
             // Ranges first: they outrank the paths near them.
             for observation in &mine {
                 if let Observation::Ranges(ranges) = observation {
@@ -280,6 +322,7 @@ impl<T: Real> Reference<T> {
         let estimate = estimator.estimate(frame.samples, T::of(frame.first_sample_delay_s));
         scan.action = frame.action;
         scan.framed = true;
+        scan.threshold = estimator.threshold();
         let ranges = scan.measurements.clone();
         let resolution_m = pulse.duration_s * speed_of_light();
         for path in &estimate.paths {
@@ -325,6 +368,72 @@ impl<T: Real> Reference<T> {
         T::of(ranging.variance_inflation) * variance_m2 + square(T::of(ranging.floor_m))
     }
 
+    // Acquire.
+
+    /// While it is not known where the tag is: weighs the places it may be at. Once there is only one, it is there.
+    fn acquire(&mut self, scans: &[Scan<T>], elapsed_s: T, heights: &[T]) {
+        let Some(mut acquisition) = self.acquisition.take() else { return };
+        // Candidates are relative to a tag that is about to jump.
+        self.discovery.clear();
+        acquisition.predict(&self.config.motion, elapsed_s);
+        let sweeps: Vec<_> = scans.iter().map(|scan| self.sweep(scan, heights)).collect();
+        if !acquisition.observe(&sweeps) {
+            self.acquisition = Some(acquisition);
+            return;
+        }
+        match acquisition.settled() {
+            Some(agent) => self.filter.place(&agent),
+            None => {
+                self.filter.place(&acquisition.summary());
+                self.acquisition = Some(acquisition);
+            }
+        }
+    }
+
+    /// A scan with its anchor and its virtual anchors.
+    fn sweep(&self, scan: &Scan<T>, heights: &[T]) -> Sweep<T> {
+        let told = T::of(self.config.association.detection_probability);
+        let sight = self.sight(scan.anchor, heights);
+        let height_m = sight.height_m;
+        let mut reflections = Vec::new();
+        for (slot, record) in self.environment.in_use() {
+            if record.anchor == scan.anchor {
+                reflections.push(Landmark {
+                    position_m: self.filter.virtual_anchor_m(slot),
+                    covariance_m2: self.filter.virtual_anchor_covariance_m2(slot),
+                    height_m,
+                    detection: record.existence * told,
+                });
+            }
+        }
+        let background = self.background(scan.anchor);
+        Sweep {
+            measurements: scan.measurements.clone(),
+            direct: Landmark {
+                position_m: sight.anchor_m,
+                covariance_m2: [[T::ZERO; 2]; 2],
+                height_m,
+                detection: told,
+            },
+            reflections,
+            bias_m: self.filter.bias_m(scan.anchor),
+            bias_variance_m2: self.filter.bias_variance_m2(scan.anchor),
+            all_per_m: background.all_per_m,
+            false_alarms_per_m: background.false_alarms_per_m,
+        }
+    }
+
+    /// What measurements of an anchor may be, other than paths of what is known.
+    fn background(&self, anchor: usize) -> Background<T> {
+        let per_m = T::ONE / T::of(self.config.ranging.max_range_m);
+        let settings = &self.config.association;
+        Background {
+            all_per_m: self.unexplained[anchor] * per_m,
+            false_alarms_per_m: T::of(settings.clutter_per_anchor) * per_m,
+            detection_probability: T::of(settings.detection_probability),
+        }
+    }
+
     // Associate.
 
     fn associate(&self, scan: Scan<T>, heights: &[T]) -> AssociatedScan<T> {
@@ -332,11 +441,15 @@ impl<T: Real> Reference<T> {
         let sight = self.sight(scan.anchor, heights);
         let mut regressions = vec![self.filter.regress(Source::Direct { anchor: scan.anchor }, &sight)];
         let mut existences = vec![T::ONE];
+        let mut detections = vec![self.detection(regressions[0].source, &scan)];
         for (slot, record) in self.environment.in_use() {
             if record.anchor == scan.anchor {
-                regressions.push(self.filter.regress(Source::Virtual { anchor: scan.anchor, slot }, &sight));
+                let source = Source::Virtual { anchor: scan.anchor, slot };
+                let detection = self.detection(source, &scan);
                 let survival = T::of(settings.survival_probability);
-                existences.push(EnvironmentMemory::expected_existence(&record, survival));
+                regressions.push(self.filter.regress(source, &sight));
+                existences.push(EnvironmentMemory::expected_existence(&record, survival, detection));
+                detections.push(detection);
             }
         }
         let mut expectations = Vec::new();
@@ -345,19 +458,51 @@ impl<T: Real> Reference<T> {
                 range_m: regressions[k].range_m,
                 variance_m2: regressions[k].variance_m2(),
                 existence: existences[k],
-                detection: T::of(settings.detection_probability),
+                detection: detections[k],
             });
         }
-        let per_m = T::ONE / T::of(self.config.ranging.max_range_m);
-        let clutter = Clutter {
-            false_alarms_per_m: T::of(settings.clutter_per_anchor) * per_m,
-            all_per_m: self.unexplained[scan.anchor] * per_m,
-        };
-        let mut beliefs = associate(&expectations, &scan.measurements, &clutter);
+        let background = self.background(scan.anchor);
+        let clutter =
+            Clutter { false_alarms_per_m: background.false_alarms_per_m, all_per_m: background.all_per_m };
+        let viewpoint = self.viewpoint(scan.anchor, &sight);
+        let claims = self.discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
+        let mut beliefs = associate(&expectations, &scan.measurements, &claims.totals(), &clutter);
         if settings.mode == Mode::Map {
             beliefs.harden();
         }
-        AssociatedScan { scan, regressions, beliefs }
+        AssociatedScan { scan, regressions, claims, beliefs }
+    }
+
+    /// Probability that the path of an existing source is found in a scan; in frames it is a matter of SINR.
+    fn detection(&self, source: Source, scan: &Scan<T>) -> T {
+        let told = T::of(self.config.association.detection_probability);
+        if !scan.framed {
+            return told;
+        }
+        if self.channel.has_seen(source) {
+            let sinr = self.channel.sinr(source, scan.action);
+            return limited(detection_probability(sinr, scan.threshold), T::of(LEAST_DETECTION), told);
+        }
+        match source {
+            Source::Virtual { slot, .. }
+                if self.environment.records[slot].is_some_and(|record| record.hits == 0) =>
+            {
+                T::of(UNSEEN_DETECTION)
+            }
+            _ => told,
+        }
+    }
+
+    /// Where an anchor's candidates are seen from.
+    fn viewpoint(&self, anchor: usize, sight: &Sight<T>) -> Viewpoint<T> {
+        let direct = self.filter.regress(Source::Direct { anchor }, sight);
+        Viewpoint {
+            agent: self.filter.agent(),
+            height_m: sight.height_m,
+            bias_m: self.filter.bias_m(anchor),
+            direct_m: direct.range_m,
+            direct_variance_m2: direct.variance_m2(),
+        }
     }
 
     // Remember.
@@ -365,12 +510,14 @@ impl<T: Real> Reference<T> {
     /// Existence, SINR, and how much of each scan nothing explained.
     fn remember(&mut self, heard: &[AssociatedScan<T>], report: &mut Report<T>) {
         self.channel.age();
-        for AssociatedScan { scan, regressions, beliefs } in heard {
+        for AssociatedScan { scan, regressions, beliefs, .. } in heard {
             for k in 0..regressions.len() {
                 let source = regressions[k].source;
                 let belief = &beliefs.features[k];
                 if let Source::Virtual { slot, .. } = source {
-                    self.environment.remember(slot, belief.existence, belief.missed < T::of(0.5));
+                    let detection = self.detection(source, scan);
+                    let seen = belief.missed < T::of(0.5);
+                    self.environment.remember(slot, belief.existence, seen, detection);
                 }
                 for m in 0..scan.measurements.len() {
                     let weight = belief.associated[m];
@@ -410,32 +557,115 @@ impl<T: Real> Reference<T> {
     // Discover.
 
     /// Forgets improbable virtual anchors, feeds the candidates, and takes resolved ones into the map.
+    /// From now on the tag may be anywhere around `prior`.
+    fn lose(&mut self, prior: Agent<T>) {
+        self.loss = LossMonitor::new();
+        self.acquisition = Some(Acquisition::new(prior));
+    }
+
+    /// Far fewer paths than expected: the tag is elsewhere.
+    fn watch(&mut self, heard: &[AssociatedScan<T>], report: &mut Report<T>) {
+        let (mut expected, mut found) = (T::ZERO, T::ZERO);
+        for AssociatedScan { scan, regressions, beliefs, .. } in heard {
+            for k in 0..regressions.len() {
+                let source = regressions[k].source;
+                let existence = match source {
+                    Source::Direct { .. } => T::ONE,
+                    Source::Virtual { slot, .. } => {
+                        self.environment.records[slot].map_or(T::ZERO, |record| record.existence)
+                    }
+                };
+                expected += existence * self.detection(source, scan);
+                found += T::ONE - beliefs.features[k].missed;
+            }
+        }
+        if heard.is_empty() {
+            return;
+        }
+        self.loss.observe(expected, found);
+        if self.loss.is_lost() {
+            report.lost = true;
+            let mut prior = self.filter.agent();
+            let reach = T::of(self.config.motion.position_std_limit_m);
+            let speed = T::of(self.config.start.velocity_std_m_s);
+            for i in 0..4 {
+                for j in 0..4 {
+                    prior.covariance[i][j] = T::ZERO;
+                }
+                prior.covariance[i][i] = if i == PX || i == PY { square(reach) } else { square(speed) };
+            }
+            prior.mean[VX] = T::ZERO;
+            prior.mean[VY] = T::ZERO;
+            self.lose(prior);
+        }
+    }
+
+    /// Of two virtual anchors of an anchor that are one, the younger goes.
+    fn merge(&mut self, report: &mut Report<T>) {
+        for (slot, record) in self.environment.in_use() {
+            if record.hits == 0 {
+                continue;
+            }
+            let (a, c) = (self.filter.virtual_anchor_m(slot), self.filter.virtual_anchor_covariance_m2(slot));
+            let mut doubled = false;
+            for (other, twin) in self.environment.in_use() {
+                let (b, d) =
+                    (self.filter.virtual_anchor_m(other), self.filter.virtual_anchor_covariance_m2(other));
+                let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
+                let (xx, yx, yy) = (c[0][0] + d[0][0], c[1][0] + d[1][0], c[1][1] + d[1][1]);
+                let form = yy * square(dx) - T::of(2.0) * (yx * (dx * dy)) + xx * square(dy);
+                let near = square(dx) + square(dy) < square(T::of(NEAR_M)) && form < xx * yy - square(yx);
+                let older = twin.hits > record.hits || (twin.hits == record.hits && other < slot);
+                doubled |= twin.anchor == record.anchor && other != slot && near && older;
+            }
+            if doubled {
+                self.environment.records[slot] = None;
+                self.take_out(slot, report);
+            }
+        }
+    }
+
+    /// Detection probabilities by slot; 0 where it is free.
+    fn detections(&self, scan: &Scan<T>) -> Vec<T> {
+        let mut detections = vec![T::ZERO; self.environment.records.len()];
+        for (slot, record) in self.environment.in_use() {
+            detections[slot] = self.detection(Source::Virtual { anchor: record.anchor, slot }, scan);
+        }
+        detections
+    }
+
     fn discover(&mut self, heard: &[AssociatedScan<T>], heights: &[T], report: &mut Report<T>) {
         for slot in self.environment.forget() {
             self.take_out(slot, report);
         }
+        self.merge(report);
         if !self.config.discovery {
             return;
         }
-        for AssociatedScan { scan, beliefs, .. } in heard {
+        for AssociatedScan { scan, claims, beliefs, regressions } in heard {
             let sight = self.sight(scan.anchor, heights);
-            let c = self.filter.agent_covariance();
-            let viewpoint = Viewpoint {
-                position_m: self.filter.position_m(),
-                covariance_m2: [c[PX][PX], c[PY][PX], c[PY][PY]],
-                height_m: sight.height_m,
+            let viewpoint = self.viewpoint(scan.anchor, &sight);
+            let background = self.background(scan.anchor);
+            let (measurements, free) = (&scan.measurements, &beliefs.unassociated);
+            let known_m: Vec<T> = regressions.iter().map(|line| line.range_m).collect();
+            // Paths closer than a pulse cannot be told apart.
+            let resolution_m = if scan.framed {
+                self.library.pulse(scan.action, &self.config.radio.pulse_shape).duration_s * speed_of_light()
+            } else {
+                T::ZERO
             };
-            let mut leftovers = Vec::new();
-            for m in 0..scan.measurements.len() {
-                if beliefs.unassociated[m] > T::of(0.5) {
-                    let mut leftover = scan.measurements[m];
-                    leftover.range_m -= self.filter.bias_m(scan.anchor);
-                    leftovers.push(leftover);
-                }
-            }
-            self.discovery.observe(scan.anchor, &viewpoint, &leftovers);
+            self.discovery.observe(
+                scan.anchor,
+                &viewpoint,
+                measurements,
+                claims,
+                free,
+                &background,
+                &known_m,
+                resolution_m,
+            );
             while let Some(found) = self.discovery.take_resolved(scan.anchor) {
-                self.take_in(scan.anchor, &sight, &found, report);
+                self.take_in(scan, &sight, &found, report);
             }
         }
     }
@@ -447,13 +677,14 @@ impl<T: Real> Reference<T> {
     }
 
     /// Enters a discovery into the map, unless it is known or there is no room.
-    fn take_in(&mut self, anchor: usize, sight: &Sight<T>, found: &Discovered<T>, report: &mut Report<T>) {
+    fn take_in(&mut self, scan: &Scan<T>, sight: &Sight<T>, found: &Discovered<T>, report: &mut Report<T>) {
+        let anchor = scan.anchor;
         if self.is_known(anchor, sight, found) {
             return;
         }
         let slot = match self.environment.free_slot() {
             Some(slot) => slot,
-            None => match self.environment.give_way() {
+            None => match self.environment.give_way(&self.detections(scan)) {
                 Some(slot) => {
                     self.take_out(slot, report);
                     slot
@@ -464,8 +695,8 @@ impl<T: Real> Reference<T> {
                 }
             },
         };
-        self.filter.insert_relative(slot, found.position_m, found.covariance_m2);
-        self.environment.insert(slot, anchor, T::of(0.9));
+        self.filter.insert_relative(slot, found.position_m, found.gain, found.covariance_m2);
+        self.environment.insert(slot, anchor, T::of(0.9), 1);
         report.discovered += 1;
     }
 
@@ -478,7 +709,7 @@ impl<T: Real> Reference<T> {
             }
         }
         let [x, y] = found.position_m;
-        known.iter().any(|[kx, ky]| square(x - *kx) + square(y - *ky) < T::of(0.09))
+        known.iter().any(|[kx, ky]| square(x - *kx) + square(y - *ky) < square(T::of(NEAR_M)))
     }
 
     // Act.
@@ -582,6 +813,9 @@ impl<T: Real> Reference<T> {
             anchors_heard: 0,
             measurements: 0,
             associated: 0,
+            acquiring: false,
+            lost: false,
+            nis: T::ZERO,
             discovered: 0,
             forgotten: 0,
             map_full: 0,
@@ -616,4 +850,16 @@ fn innovations_of<T: Real>(associated: &AssociatedScan<T>) -> Vec<Innovation<T>>
         }
     }
     innovations
+}
+
+/// Mean of nu^2 / S over everything associated; 0 without measurements.
+fn normalised_innovation<T: Real>(heard: &[AssociatedScan<T>]) -> T {
+    let (mut weight, mut squares) = (T::ZERO, T::ZERO);
+    for associated in heard {
+        for innovation in innovations_of(associated) {
+            weight += innovation.weight;
+            squares += innovation.second_m2 / (innovation.regression.variance_m2() + innovation.variance_m2);
+        }
+    }
+    if weight > T::ZERO { squares / weight } else { T::ZERO }
 }

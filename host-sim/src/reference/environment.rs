@@ -1,7 +1,8 @@
 //! Environment memory: the virtual anchors believed to exist.
 //!
 //! Existence r follows r <- P_s r between scans and the association's posterior after each. A virtual anchor counts
-//! above 1/2, and is forgotten below 1/1000 or after 60 scans in a row without a path.
+//! above 1/2, and is forgotten below 1/1000 or after 200 scans without the path that was expected. While it is hidden (hardly
+//! any detection probability) its existence stays.
 
 use super::real::{Real, smaller};
 
@@ -9,8 +10,11 @@ use super::real::{Real, smaller};
 pub const CONFIRMED: f32 = 0.5;
 /// Existence below which it is forgotten.
 const FORGOTTEN: f32 = 1e-3;
-/// Scans without a path after which it is forgotten.
-const MISSES: u16 = 60;
+/// Misses after which it is forgotten.
+const MISSES: u16 = 200;
+/// Detection probability below which it is hidden, and above which a path is expected.
+const HIDDEN: f32 = 0.1;
+const EXPECTED: f32 = 0.5;
 /// No virtual anchor is more certain than this.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -21,7 +25,7 @@ pub struct Record<T> {
     pub anchor: usize,
     /// Probability that it exists.
     pub existence: T,
-    /// Scans in a row without a path.
+    /// Scans without the path that was expected, since the last with one.
     pub misses: u16,
     /// Scans with a path.
     pub hits: u32,
@@ -56,37 +60,39 @@ impl<T: Real> EnvironmentMemory<T> {
         self.records.iter().position(Option::is_none)
     }
 
-    /// Fills a free slot.
-    pub fn insert(&mut self, slot: usize, anchor: usize, existence: T) {
+    /// Fills a free slot; `hits` scans have shown the virtual anchor so far.
+    pub fn insert(&mut self, slot: usize, anchor: usize, existence: T, hits: u32) {
         let existence = smaller(existence, T::of(MOST_CERTAIN));
-        self.records[slot] = Some(Record { anchor, existence, misses: 0, hits: 0 });
+        self.records[slot] = Some(Record { anchor, existence, misses: 0, hits });
     }
 
-    /// P_s r.
-    pub fn expected_existence(record: &Record<T>, survival: T) -> T {
+    /// P_s r, or r of a hidden one.
+    pub fn expected_existence(record: &Record<T>, survival: T, detection: T) -> T {
+        let survival = if detection < T::of(HIDDEN) { T::ONE } else { survival };
         smaller(record.existence * survival, T::of(MOST_CERTAIN))
     }
 
-    /// Enters the outcome of a scan.
-    pub fn remember(&mut self, slot: usize, existence: T, seen: bool) {
+    /// Enters the outcome of a scan in which a path had the probability `detection`.
+    pub fn remember(&mut self, slot: usize, existence: T, seen: bool, detection: T) {
         if let Some(record) = &mut self.records[slot] {
             record.existence = smaller(existence, T::of(MOST_CERTAIN));
             if seen {
                 record.misses = 0;
                 record.hits = record.hits.saturating_add(1);
-            } else {
+            } else if detection > T::of(EXPECTED) {
                 record.misses = record.misses.saturating_add(1);
             }
         }
     }
 
-    /// Frees the slot of the least probable unconfirmed virtual anchor (the first of equals).
-    pub fn give_way(&mut self) -> Option<usize> {
+    /// Frees the slot of the virtual anchor that tells least, existence times detection probability, if that is at most one
+    /// half (the first of equals).
+    pub fn give_way(&mut self, detections: &[T]) -> Option<usize> {
         let mut least: Option<(usize, T)> = None;
         for (slot, record) in self.in_use() {
-            let unconfirmed = record.existence <= T::of(CONFIRMED);
-            if unconfirmed && least.is_none_or(|(_, existence)| record.existence < existence) {
-                least = Some((slot, record.existence));
+            let worth = record.existence * detections[slot];
+            if worth <= T::of(CONFIRMED) && least.is_none_or(|(_, least)| worth < least) {
+                least = Some((slot, worth));
             }
         }
         let (slot, _) = least?;

@@ -8,10 +8,12 @@
 //! | --- | --- |
 //! | [`real`] | the number type: `f32` or `f64` |
 //! | [`pulse`], [`channel_estimator`] | frame to paths |
+//! | [`acquisition`] | where the tag is, at first |
 //! | [`association`] | paths to features |
 //! | [`state_filter`] | tag and virtual anchors |
 //! | [`environment`], [`channel_memory`] | what is remembered |
 //! | [`discovery`] | virtual anchors no plan told of |
+//! | [`loss`] | whether the tag is where it is believed to be |
 //! | [`information`], [`controller`] | what a measurement tells, and what to do next |
 //! | [`cycle`] | all of it, in order |
 //!
@@ -25,6 +27,7 @@
 // The point of this module is to read like the equations: sums over indices.
 #![allow(clippy::needless_range_loop)]
 
+pub mod acquisition;
 pub mod association;
 pub mod channel_estimator;
 pub mod channel_memory;
@@ -33,6 +36,7 @@ pub mod cycle;
 pub mod discovery;
 pub mod environment;
 pub mod information;
+pub mod loss;
 pub mod pulse;
 pub mod real;
 pub mod state_filter;

@@ -101,6 +101,15 @@ pub struct StateFilter<T> {
     motion: Motion,
 }
 
+/// The tag alone: its four states and their covariance.
+#[derive(Clone, Debug)]
+pub struct Agent<T> {
+    /// Means.
+    pub mean: Vec<T>,
+    /// Covariance.
+    pub covariance: Matrix<T>,
+}
+
 /// The prior of the tag and the biases, in the terms of the configuration.
 #[derive(Clone, Copy, Debug)]
 pub struct Prior {
@@ -212,6 +221,11 @@ impl<T: Real> StateFilter<T> {
         [self.mean[VX], self.mean[VY]]
     }
 
+    /// The tag's four states.
+    pub fn agent(&self) -> Agent<T> {
+        Agent { mean: self.mean[..AGENT].to_vec(), covariance: self.agent_covariance() }
+    }
+
     /// Covariance of the tag's four states.
     pub fn agent_covariance(&self) -> Matrix<T> {
         (0..AGENT).map(|row| self.covariance[row][..AGENT].to_vec()).collect()
@@ -220,6 +234,22 @@ impl<T: Real> StateFilter<T> {
     /// Range bias of an anchor, metres.
     pub fn bias_m(&self, anchor: usize) -> T {
         self.mean[self.bias(anchor)]
+    }
+
+    /// Its variance, square metres.
+    pub fn bias_variance_m2(&self, anchor: usize) -> T {
+        self.covariance[self.bias(anchor)][self.bias(anchor)]
+    }
+
+    /// Puts the tag somewhere else: it is correlated with nothing then.
+    pub fn place(&mut self, agent: &Agent<T>) {
+        for i in 0..AGENT {
+            self.mean[i] = agent.mean[i];
+            self.covariance[i][..AGENT].copy_from_slice(&agent.covariance[i]);
+            for j in AGENT..self.mean.len() {
+                self.set_symmetric(i, j, T::ZERO);
+            }
+        }
     }
 
     /// Position of a virtual anchor, metres.
@@ -243,24 +273,31 @@ impl<T: Real> StateFilter<T> {
         self.covariance[a + 1][a + 1] = variance;
     }
 
-    /// Adds a virtual anchor that is as wrong as the tag's position, and by `relative` more: a = p + something
-    /// independent, so C_a* = C_p* and C_aa = C_rel + C_pp.
-    pub fn insert_relative(&mut self, slot: usize, position_m: [T; 2], relative: [[T; 2]; 2]) {
+    /// Adds a virtual anchor a known relative to the tag's position p: a = E a + G (p - E p) + own error, so
+    /// C_a* = G C_p* and C_aa = own + G C_pa.
+    pub fn insert_relative(&mut self, slot: usize, position_m: [T; 2], gain: [[T; 2]; 2], own: [[T; 2]; 2]) {
         self.fill(slot, position_m);
         let a = self.slot(slot);
         for axis in 0..2 {
             for i in 0..self.mean.len() {
                 if i != a && i != a + 1 {
-                    let value = self.covariance[axis][i];
+                    let value = self.carried(gain[axis], i);
                     self.set_symmetric(a + axis, i, value);
                 }
             }
         }
+        // Symmetric by copy: the lower triangle is what is computed.
         for row in 0..2 {
-            for column in 0..2 {
-                self.covariance[a + row][a + column] = relative[row][column] + self.covariance[row][column];
+            for column in 0..=row {
+                let value = own[row][column] + self.carried(gain[row], a + column);
+                self.set_symmetric(a + row, a + column, value);
             }
         }
+    }
+
+    /// Covariance of g' p with state i.
+    fn carried(&self, g: [T; 2], i: usize) -> T {
+        g[0] * self.covariance[PX][i] + g[1] * self.covariance[PY][i]
     }
 
     fn fill(&mut self, slot: usize, position_m: [T; 2]) {
@@ -546,7 +583,7 @@ impl<T: Real> StateFilter<T> {
 /// With L the Cholesky factor of the covariance, the points are d, d +- sqrt(3) L_1 and d +- sqrt(3) L_2, of weights
 /// 1/3 and 1/6 each. Returns the mean, the slope g = C^-1 cov(d, r), the variance around the line and along it.
 /// Everything is formed relative to the centre r(d).
-fn regress_distance<T: Real>(distance: [T; 2], spread: [T; 3], height_m: T) -> (T, [T; 2], T, T) {
+pub(super) fn regress_distance<T: Real>(distance: [T; 2], spread: [T; 3], height_m: T) -> (T, [T; 2], T, T) {
     let num = T::of;
     let [dx, dy] = distance;
     let [xx, yx, yy] = spread;

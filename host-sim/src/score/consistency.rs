@@ -219,11 +219,11 @@ mod tests {
 
     #[test]
     fn the_nis_of_a_track_is_the_variance_there_is_over_the_variance_asked_for() {
-        // R = 2.25 sigma^2 + (5 mm)^2 is what the core's defaults make of a deviation.
+        // R = 1.44 sigma^2 + (2 mm)^2 is what the core's defaults make of a deviation.
         for (true_std_m, told_std_m) in [(0.05, 0.05), (0.05, 0.1), (0.075, 0.05)] {
             let recording = at_rest(true_std_m, told_std_m);
             let run = track(&recording, Path::new(META_FILE), None, || {}).expect("it runs");
-            let asked = 2.25 * told_std_m * told_std_m + 25e-6;
+            let asked = 1.44 * told_std_m * told_std_m + 4e-6;
             let nis = run.consistency.nis.expect("ranges were associated");
             let ratio = nis * asked / (true_std_m * true_std_m);
             // 6000 ranges: five deviations are 0.09; the state's own variance is small beside R.

@@ -43,16 +43,35 @@ pub(super) struct Row<const PATHS: usize> {
 }
 
 impl<const PATHS: usize> Row<PATHS> {
+    /// A feature that is never detected.
+    fn blank() -> Self {
+        Self {
+            stage: Stage::Waiting,
+            range_m: 0.0,
+            absent: 1.0,
+            psi: [0.0; PATHS],
+            gated: 0,
+            nu: [1.0; PATHS],
+            mu: [0.0; PATHS],
+            above: [0.0; PATHS],
+        }
+    }
+
     #[inline(never)]
-    fn new(expectation: &Expectation, measurements: &Vec<Measurement, PATHS>, clutter: &Clutter) -> Self {
+    fn new(
+        expectation: &Expectation,
+        measurements: &Vec<Measurement, PATHS>,
+        claims: &[f32; PATHS],
+        clutter: &Clutter,
+    ) -> Self {
         let mut psi = [0.0; PATHS];
         let scale = expectation.existence * expectation.detection / clutter.all_per_m;
-        for (factor, measurement) in psi.iter_mut().zip(measurements) {
+        for ((factor, measurement), claim) in psi.iter_mut().zip(measurements).zip(claims) {
             let innovation = measurement.range_m - expectation.range_m;
             let variance = expectation.variance_m2 + measurement.variance_m2;
             let nis = innovation * innovation / variance;
             if nis < GATE * GATE {
-                *factor = scale * exp(-0.5 * nis) / sqrt(crate::real::TAU * variance);
+                *factor = scale * exp(-0.5 * nis) / (sqrt(crate::real::TAU * variance) * claim);
             }
         }
         let absent = expectation.existence * (1.0 - expectation.detection) + (1.0 - expectation.existence);
@@ -114,24 +133,31 @@ pub(super) struct Rows<const VAS: usize, const PATHS: usize> {
 }
 
 impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
+    /// No features yet. They come with [`Self::fill`]: built in place, the rows need not be moved, and so stand on the
+    /// stack once.
+    pub(super) fn empty() -> Self {
+        const { assert!(PATHS <= 32, "sets of measurements are 32 bits") };
+        Self { direct: Row::blank(), virtual_anchors: Vec::new() }
+    }
+
     #[inline(never)]
-    pub(super) fn new(
+    pub(super) fn fill(
+        &mut self,
         direct: &Expectation,
         virtual_anchors: &Vec<Expectation, VAS>,
         measurements: &Vec<Measurement, PATHS>,
+        claims: &[f32; PATHS],
         clutter: &Clutter,
-    ) -> Self {
-        const { assert!(PATHS <= 32, "sets of measurements are 32 bits") };
-        let mut rows = Self { direct: Row::new(direct, measurements, clutter), virtual_anchors: Vec::new() };
-        rows.direct.discount_later_arrivals(measurements, clutter);
+    ) {
+        self.direct = Row::new(direct, measurements, claims, clutter);
+        self.direct.discount_later_arrivals(measurements, clutter);
         for expectation in virtual_anchors {
             // Capacities are equal: every push succeeds.
-            let _ = rows.virtual_anchors.push(Row::new(expectation, measurements, clutter));
+            let _ = self.virtual_anchors.push(Row::new(expectation, measurements, claims, clutter));
         }
-        for row in rows.iter_mut() {
+        for row in self.iter_mut() {
             row.mark_gated();
         }
-        rows
     }
 
     pub(super) fn iter(&self) -> impl DoubleEndedIterator<Item = &Row<PATHS>> {

@@ -15,9 +15,11 @@
 //! measurement clearly shorter than m costs the hypothesis "m is the direct path" a factor lambda_fa / lambda.
 
 mod belief_propagation;
+mod detection;
 mod exact;
 mod factors;
 
+pub use self::detection::detection_probability;
 use crate::real::larger;
 use exact::{STATES, Trellis};
 use factors::{Rows, Stage, members};
@@ -111,7 +113,7 @@ pub struct Beliefs<const VAS: usize, const PATHS: usize> {
 
 impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
     /// Beliefs of all features, the direct path first.
-    pub fn features(&self) -> impl Iterator<Item = &Belief<PATHS>> {
+    pub fn features(&self) -> impl Iterator<Item = &Belief<PATHS>> + Clone {
         core::iter::once(&self.direct).chain(self.virtual_anchors.iter())
     }
 
@@ -197,9 +199,10 @@ pub fn associate<const VAS: usize, const PATHS: usize>(
     direct: &Expectation,
     virtual_anchors: &Vec<Expectation, VAS>,
     measurements: &Vec<Measurement, PATHS>,
+    claims: &[f32; PATHS],
     clutter: &Clutter,
 ) -> Beliefs<VAS, PATHS> {
-    associate_within(direct, virtual_anchors, measurements, clutter, STATES)
+    associate_within(direct, virtual_anchors, measurements, claims, clutter, STATES)
 }
 
 /// As [`associate`]; clusters that need more than `limit` values for an exact solution are not given one.
@@ -207,11 +210,13 @@ fn associate_within<const VAS: usize, const PATHS: usize>(
     direct: &Expectation,
     virtual_anchors: &Vec<Expectation, VAS>,
     measurements: &Vec<Measurement, PATHS>,
+    claims: &[f32; PATHS],
     clutter: &Clutter,
     limit: usize,
 ) -> Beliefs<VAS, PATHS> {
     let count = measurements.len();
-    let mut rows = Rows::new(direct, virtual_anchors, measurements, clutter);
+    let mut rows = Rows::empty();
+    rows.fill(direct, virtual_anchors, measurements, claims, clutter);
     let blank = Belief { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown };
     let mut beliefs =
         Beliefs { direct: blank, virtual_anchors: Vec::new(), unassociated: [0.0; PATHS], iterations: 0 };
@@ -391,7 +396,7 @@ mod tests {
             measurements.push(measurement((1.0 + span_m * uniform()) as f32, 0.1)).unwrap();
             let (direct, others) = features.split_first().unwrap();
             let others: Vec<Expectation, K> = others.iter().copied().collect();
-            let beliefs = associate_within(direct, &others, &measurements, &clutter, limit);
+            let beliefs = associate_within(direct, &others, &measurements, &[1.0; M], &clutter, limit);
             let truth = Enumeration::new(&features, &measurements, f64::from(density));
             let (first, rest) = beliefs.most_probable();
             let choices: std::vec::Vec<_> = core::iter::once(first).chain(rest.iter().copied()).collect();
@@ -468,7 +473,7 @@ mod tests {
         }
         let density = 1.0 / 30.0;
         let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
-        let beliefs = associate(&with(features[0]), &others, &measurements, &clutter);
+        let beliefs = associate(&with(features[0]), &others, &measurements, &[1.0; 4], &clutter);
         let expected =
             [[0.000185, 0.999815, 0.0, 0.0], [0.559434, 0.0, 0.440566, 0.0], [0.444064, 0.0, 0.555936, 0.0]];
         for (belief, row) in beliefs.features().zip(expected) {
@@ -490,7 +495,7 @@ mod tests {
         let mut others: Vec<Expectation, 2> = Vec::new();
         others.push(Expectation { existence: 0.5, ..expectation(4.0, 0.1) }).unwrap();
         let clutter = Clutter { false_alarms_per_m: 0.03, all_per_m: 0.03 };
-        let beliefs = associate::<2, 4>(&direct, &others, &Vec::new(), &clutter);
+        let beliefs = associate::<2, 4>(&direct, &others, &Vec::new(), &[1.0; 4], &clutter);
         assert_eq!(beliefs.direct.missed, 1.0);
         let exact = 0.5 * 0.05 / (0.5 * 0.05 + 0.5);
         assert!((beliefs.virtual_anchors[0].existence - exact).abs() < 1e-6);

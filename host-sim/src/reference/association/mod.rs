@@ -3,7 +3,9 @@
 //! Feature k (the direct path, then the virtual anchors) has a factor for "no measurement" and one for each
 //! measurement m, with existence r_k, detection probability Pd, and lambda the intensity of everything unknown:
 //!
-//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / lambda.
+//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / (lambda c_m),
+//!
+//! c_m, the claim on m, being by how much the candidates of the discovery make it more probable than lambda alone.
 //!
 //! Features that want the same measurements form a cluster, solved exactly in [`exact`] or, where it is too large, by
 //! messages that go back and forth until they stand still:
@@ -28,6 +30,8 @@ const GATE: f32 = 4.0;
 const TOLERANCE: f32 = 1e-4;
 /// Most rounds of messages.
 const ITERATIONS: usize = 60;
+/// Slope of the logistic curve that is nearest to the normal distribution.
+const LOGISTIC: f32 = 1.702;
 
 /// One path or range.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,10 +92,20 @@ pub struct Beliefs<T> {
     pub iterations: usize,
 }
 
-/// Associates `measurements` with `features`, of which the first is the direct path.
+/// Probability that a path is detected: that its `sinr` passes `threshold`, both on normalised energy.
+///
+/// Q_1(sqrt(2 SINR), sqrt(2 kappa)) (Marcum), by the logistic curve in the difference of its arguments.
+pub fn detection_probability<T: Real>(sinr: T, threshold: T) -> T {
+    let root = |x: T| sqrt(T::of(2.0) * larger(x, T::ZERO));
+    let above = root(sinr) - root(threshold);
+    T::ONE / (T::ONE + exp(-T::of(LOGISTIC) * above))
+}
+
+/// Associates `measurements`, each with the claim on it, with `features`, of which the first is the direct path.
 pub fn associate<T: Real>(
     features: &[Expectation<T>],
     measurements: &[Measurement<T>],
+    claims: &[T],
     clutter: &Clutter<T>,
 ) -> Beliefs<T> {
     let (rows, columns) = (features.len(), measurements.len());
@@ -102,7 +116,10 @@ pub fn associate<T: Real>(
     for feature in features {
         let missing = feature.existence * (T::ONE - feature.detection) + (T::ONE - feature.existence);
         absent.push(larger(missing, T::of(1e-6)));
-        psi.push(measurements.iter().map(|measurement| likelihood(feature, measurement, clutter)).collect());
+        let pairs = measurements.iter().zip(claims);
+        psi.push(
+            pairs.map(|(measurement, claim)| likelihood(feature, measurement, *claim, clutter)).collect(),
+        );
     }
     discount_later_arrivals(&mut psi[0], measurements, clutter);
 
@@ -231,14 +248,19 @@ fn clusters<T: Real>(psi: &Matrix<T>) -> Vec<Vec<usize>> {
 }
 
 /// psi_km; zero outside the gate.
-fn likelihood<T: Real>(feature: &Expectation<T>, measurement: &Measurement<T>, clutter: &Clutter<T>) -> T {
+fn likelihood<T: Real>(
+    feature: &Expectation<T>,
+    measurement: &Measurement<T>,
+    claim: T,
+    clutter: &Clutter<T>,
+) -> T {
     let innovation = measurement.range_m - feature.range_m;
     let variance = feature.variance_m2 + measurement.variance_m2;
     let nis = square(innovation) / variance;
     if nis < T::of(GATE) * T::of(GATE) {
-        // Order: ((r Pd / lambda) exp) / sqrt.
+        // Order: ((r Pd / lambda) exp) / (sqrt c).
         let scale = feature.existence * feature.detection / clutter.all_per_m;
-        scale * exp(T::of(-0.5) * nis) / sqrt(tau::<T>() * variance)
+        scale * exp(T::of(-0.5) * nis) / (sqrt(tau::<T>() * variance) * claim)
     } else {
         T::ZERO
     }

@@ -92,6 +92,11 @@ impl<T: Real> ChannelEstimator<T> {
         }
     }
 
+    /// kappa.
+    pub fn threshold(&self) -> T {
+        self.fitted_threshold
+    }
+
     /// Estimates a frame's paths.
     pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: T) -> ChannelEstimate<T> {
         let (paths, noise) = match samples {

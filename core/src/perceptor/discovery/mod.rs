@@ -1,0 +1,336 @@
+//! Discovery: virtual anchors that no floor plan told of, from the paths that association left over.
+//!
+//! A range alone puts a virtual anchor on a circle around the tag. A candidate therefore starts as a ring of
+//! `hypothesis` Gaussians; every later range updates each of them and weighs it by its
+//! likelihood. Motion along a line leaves two mirror images, a turn leaves one; a candidate is resolved when one
+//! hypothesis holds nearly all weight and is small enough for a Gaussian in the plane. Bounded: [`CANDIDATES`] per
+//! anchor, [`HYPOTHESES`] each.
+//!
+//! Whether there is a virtual anchor at all is a Bernoulli variable of its own, weighed by hits and misses against the
+//! intensity of measurements that nothing explains.
+
+mod candidate;
+mod common_motion;
+mod hypothesis;
+
+use self::candidate::Candidate;
+use self::common_motion::{Correction, Prediction};
+use super::association::Measurement;
+use super::state_filter::Agent;
+use crate::real::{abs, larger, sqrt};
+use heapless::Vec;
+use nalgebra::{Matrix2, Vector2};
+
+/// Candidates per anchor.
+pub const CANDIDATES: usize = 6;
+/// Hypotheses per candidate.
+pub const HYPOTHESES: usize = 12;
+
+/// Gate, standard deviations.
+const GATE: f32 = 3.0;
+/// A ring is drawn only once the tag is known as well as the range (variances), or to 5 cm; and candidates are
+/// given up when it is known worse than 1 m.
+const SETTLED_SHARE: f32 = 1.0;
+const SETTLED_M2: f32 = 2.5e-3;
+const LOST_M2: f32 = 1.0;
+/// Deviations by which a reflection is at least longer than the direct path.
+const CLEARLY: f32 = 3.0;
+/// Rounds of messages.
+const ROUNDS: usize = 10;
+/// Least probability that a new leftover is the path of a virtual anchor.
+const LEAST_PRIOR: f32 = 0.1;
+
+/// A virtual anchor found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Discovered {
+    /// Position, metres.
+    pub position: Vector2<f32>,
+    /// How it moves with the tag's position: slope of its expectation over the latter.
+    pub gain: Matrix2<f32>,
+    /// Covariance of what the tag's position does not explain, square metres.
+    pub covariance: Matrix2<f32>,
+    /// Probability that it exists.
+    pub existence: f32,
+}
+
+/// From where an anchor's candidates are seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Viewpoint {
+    /// The tag.
+    pub agent: Agent,
+    /// Height of the anchor (and so of its images in walls) above the tag, metres.
+    pub height_m: f32,
+    /// Bias of the anchor's ranges, metres.
+    pub bias_m: f32,
+    /// Range of the direct path, bias included, metres: whatever is reflected is longer.
+    pub direct_m: f32,
+    /// Its variance, square metres.
+    pub direct_variance_m2: f32,
+}
+
+/// How well candidates explain the measurements of a scan.
+#[derive(Clone, Debug, Default)]
+pub struct Claims<const PATHS: usize> {
+    /// psi of each candidate and measurement.
+    psi: Vec<[f32; PATHS], CANDIDATES>,
+    /// Probability that each candidate gives no measurement.
+    absent: Vec<f32, CANDIDATES>,
+}
+
+/// What a leftover may be other than the path of a candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Background {
+    /// Intensity of measurements that nothing known explains, per metre of range.
+    pub all_per_m: f32,
+    /// Of these, false alarms.
+    pub false_alarms_per_m: f32,
+    /// Probability that an existing virtual anchor is detected.
+    pub detection_probability: f32,
+}
+
+/// The candidates of every anchor.
+#[derive(Clone, Debug)]
+pub struct Discovery<const ANCHORS: usize> {
+    candidates: [Vec<Candidate, CANDIDATES>; ANCHORS],
+}
+
+impl<const PATHS: usize> Claims<PATHS> {
+    /// Messages from candidates to measurements, given those the other way.
+    fn messages(&self, nu: &Vec<[f32; PATHS], CANDIDATES>) -> Vec<[f32; PATHS], CANDIDATES> {
+        let mut messages = Vec::new();
+        for ((psi, absent), nu) in self.psi.iter().zip(&self.absent).zip(nu) {
+            let mut total = *absent;
+            for (psi, nu) in psi.iter().zip(nu) {
+                total += psi * nu;
+            }
+            let mut row = [0.0; PATHS];
+            for ((mu, psi), nu) in row.iter_mut().zip(psi).zip(nu) {
+                *mu = psi / larger(total - psi * nu, *absent);
+            }
+            // Capacities are equal: every push succeeds.
+            let _ = messages.push(row);
+        }
+        messages
+    }
+
+    /// By how much candidates make each measurement more probable than clutter alone.
+    pub fn totals(&self) -> [f32; PATHS] {
+        let mut nu: Vec<[f32; PATHS], CANDIDATES> = Vec::new();
+        for _ in &self.psi {
+            let _ = nu.push([1.0; PATHS]);
+        }
+        let mut totals = [1.0; PATHS];
+        for row in &self.messages(&nu) {
+            for (total, mu) in totals.iter_mut().zip(row) {
+                *total += mu;
+            }
+        }
+        totals
+    }
+}
+
+impl<const ANCHORS: usize> Default for Discovery<ANCHORS> {
+    fn default() -> Self {
+        Self { candidates: core::array::from_fn(|_| Vec::new()) }
+    }
+}
+
+impl<const ANCHORS: usize> Discovery<ANCHORS> {
+    /// Number of candidates of an anchor.
+    pub fn candidates(&self, anchor: usize) -> usize {
+        self.candidates.get(anchor).map_or(0, |candidates| candidates.len())
+    }
+
+    /// Forgets all candidates.
+    pub fn clear(&mut self) {
+        self.candidates.iter_mut().for_each(Vec::clear);
+    }
+
+    /// The state filter has predicted the agent `elapsed_s` seconds ahead.
+    pub fn predict(&mut self, before: &Agent, after: &Agent, elapsed_s: f32) {
+        if after.covariance.m11 + after.covariance.m22 > LOST_M2 {
+            self.clear();
+            return;
+        }
+        let step = Prediction::new(before, after, elapsed_s);
+        self.candidates.iter_mut().flatten().for_each(|candidate| candidate.predict(&step));
+    }
+
+    /// The state filter has updated the agent: what that says about the candidates.
+    pub fn follow(&mut self, before: &Agent, after: &Agent) {
+        let step = Correction::new(before, after);
+        self.candidates.iter_mut().flatten().for_each(|candidate| candidate.follow(&step));
+    }
+
+    /// Compares an anchor's candidates with its measurements, before anything has been made of these.
+    pub fn claim<const PATHS: usize>(
+        &self,
+        anchor: usize,
+        viewpoint: &Viewpoint,
+        measurements: &Vec<Measurement, PATHS>,
+        background: &Background,
+    ) -> Claims<PATHS> {
+        let mut claims = Claims { psi: Vec::new(), absent: Vec::new() };
+        for candidate in self.candidates.get(anchor).into_iter().flatten() {
+            // Capacities are equal: every push succeeds.
+            let _ = claims.psi.push(candidate.ratios(viewpoint, measurements, background));
+            let _ = claims.absent.push(1.0 - candidate.existence * candidate.detection(background));
+        }
+        claims
+    }
+
+    /// Gives an anchor's measurements to its candidates, as far as they are `free` of known features (probability of
+    /// each). What nothing explains becomes a new candidate, but not where it may be a part of a known path:
+    /// `known_m` are the ranges expected of known features, `resolution_m` how far apart two paths must be to be told
+    /// apart.
+    #[allow(clippy::too_many_arguments)] // each is one thing that candidates depend on
+    pub fn observe<const PATHS: usize>(
+        &mut self,
+        anchor: usize,
+        viewpoint: &Viewpoint,
+        measurements: &Vec<Measurement, PATHS>,
+        claims: &Claims<PATHS>,
+        free: &[f32; PATHS],
+        background: &Background,
+        known_m: impl Iterator<Item = f32> + Clone,
+        resolution_m: f32,
+    ) {
+        let Some(candidates) = self.candidates.get_mut(anchor) else { return };
+        // What known features claim, without what candidates do.
+        let known = {
+            let mut known = claims.totals();
+            for (total, free) in known.iter_mut().zip(free) {
+                *total *= 1.0 / larger(*free, 1e-6) - 1.0;
+            }
+            known
+        };
+        let mut nu: Vec<[f32; PATHS], CANDIDATES> = Vec::new();
+        for _ in &claims.psi {
+            // Capacities are equal: every push succeeds.
+            let _ = nu.push(known.map(|known| 1.0 / (1.0 + known)));
+        }
+        // What a sum over the others cannot be below, whatever rounding leaves of the difference.
+        let mut unclaimed = *free;
+        for _ in 0..ROUNDS {
+            let mu = claims.messages(&nu);
+            let mut sums = known.map(|known| 1.0 + known);
+            for row in &mu {
+                for (sum, mu) in sums.iter_mut().zip(row) {
+                    *sum += mu;
+                }
+            }
+            unclaimed = sums.map(|sum| 1.0 / sum);
+            for (row, mu) in nu.iter_mut().zip(&mu) {
+                for (((nu, sum), mu), known) in row.iter_mut().zip(&sums).zip(mu).zip(&known) {
+                    *nu = 1.0 / larger(sum - mu, 1.0 + known);
+                }
+            }
+        }
+        let psi = &claims.psi;
+        for ((candidate, psi), nu) in candidates.iter_mut().zip(psi).zip(&nu) {
+            candidate.update(viewpoint, measurements, psi, nu, background);
+        }
+        candidates.retain(Candidate::is_plausible);
+        let c = &viewpoint.agent.covariance;
+        let tag = 0.5 * (c.m11 + c.m22);
+        let prior = larger(1.0 - background.false_alarms_per_m / background.all_per_m, LEAST_PRIOR);
+        for (measurement, unclaimed) in measurements.iter().zip(&unclaimed) {
+            let deviation = sqrt(viewpoint.direct_variance_m2 + measurement.variance_m2);
+            let is_reflection = measurement.range_m > viewpoint.direct_m + CLEARLY * deviation;
+            let apart = known_m.clone().all(|known_m| abs(measurement.range_m - known_m) >= resolution_m);
+            let settled = tag < larger(SETTLED_SHARE * measurement.variance_m2, SETTLED_M2);
+            if *unclaimed > 0.5 && settled && is_reflection && apart && !candidates.is_full() {
+                let _ = candidates.push(Candidate::ring(viewpoint, measurement, prior));
+            }
+        }
+    }
+
+    /// Takes a resolved candidate of an anchor out, if there is one.
+    pub fn take_resolved(&mut self, anchor: usize) -> Option<Discovered> {
+        let candidates = self.candidates.get_mut(anchor)?;
+        let mut found = None;
+        candidates.retain(|candidate| {
+            if found.is_none() {
+                found = candidate.resolved();
+                found.is_none()
+            } else {
+                true
+            }
+        });
+        found
+    }
+
+    /// Every number of the state, in a fixed order, for traces.
+    pub fn visit(&self, mut f: impl FnMut(f32)) {
+        for candidates in &self.candidates {
+            f(candidates.len() as f32);
+        }
+        self.candidates.iter().flatten().for_each(|candidate| candidate.visit(&mut f));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix4, Vector4};
+
+    fn walk(points: impl Iterator<Item = [f32; 2]>, truth: [f32; 2]) -> Option<Discovered> {
+        let mut discovery = Discovery::<1>::default();
+        let mut noise = 0.013;
+        for [x, y] in points {
+            // The tag's error is fresh in every scan.
+            let covariance = Matrix4::from_diagonal(&Vector4::new(1e-4, 1e-4, 1e-4, 1e-4));
+            let agent = Agent { mean: Vector4::new(x, y, 0.0, 0.0), covariance };
+            let mut forgotten = agent;
+            forgotten.covariance *= 2.0;
+            discovery.predict(&agent, &forgotten, 1.0);
+            discovery.follow(&forgotten, &agent);
+            let viewpoint =
+                Viewpoint { agent, height_m: 0.0, bias_m: 0.0, direct_m: 0.0, direct_variance_m2: 0.0 };
+            noise = -noise;
+            let range_m = (x - truth[0]).hypot(y - truth[1]) + noise;
+            let mut leftovers: Vec<Measurement, 4> = Vec::new();
+            leftovers.push(Measurement { range_m, variance_m2: 4e-4, sinr: 0.0, energy: 0.0 }).unwrap();
+            let background =
+                Background { all_per_m: 0.2, false_alarms_per_m: 0.03, detection_probability: 0.95 };
+            let claims = discovery.claim(0, &viewpoint, &leftovers, &background);
+            discovery.observe(
+                0,
+                &viewpoint,
+                &leftovers,
+                &claims,
+                &[1.0; 4],
+                &background,
+                core::iter::empty(),
+                0.0,
+            );
+            if let Some(found) = discovery.take_resolved(0) {
+                return Some(found);
+            }
+        }
+        None
+    }
+
+    #[test]
+    fn a_straight_walk_leaves_the_mirror_ambiguity_open() {
+        assert!(walk((0..300).map(|n| [0.01 * n as f32, 0.0]), [2.0, 5.0]).is_none());
+    }
+
+    #[test]
+    fn nor_does_it_resolve_when_the_virtual_anchor_lies_broadside() {
+        // The two images then lie in opposite directions.
+        for broadside in 0..60 {
+            let x = 1.5 + 0.01 * (broadside as f32 - 30.0);
+            assert!(walk((0..300).map(|n| [0.01 * n as f32, 0.0]), [x, 4.0]).is_none(), "at {x} m");
+        }
+    }
+
+    #[test]
+    fn a_turn_resolves_it() {
+        let bent =
+            (0..600).map(|n| if n < 200 { [0.01 * n as f32, 0.0] } else { [2.0, 0.01 * (n - 200) as f32] });
+        let found = walk(bent, [2.5, 6.0]).unwrap();
+        let (dx, dy) = (found.position.x - 2.5, found.position.y - 6.0);
+        assert!(dx.hypot(dy) < 0.3, "{found:?}");
+    }
+}

@@ -1,0 +1,588 @@
+//! Acquisition: where the tag is, while the state filter cannot know.
+//!
+//! The tag is at one of several places, each a Gaussian of [p, v] with a weight. A scan multiplies the weight by what
+//! the place makes of it. First the direct path: it is one of the gated measurements m, or none, and each choice is a
+//! place of its own, times
+//!
+//! P_d N(z_m; mean, S) / lambda, or 1 - P_d for none,
+//!
+//! times lambda_fa / lambda for every measurement clearly shorter than it. Then each virtual anchor, softly, with nu_m
+//! what the features before it left of measurement m:
+//!
+//! L = 1 - r P_d + sum over m of nu_m r P_d N(z_m; mean, S) / lambda, nu_m <- nu_m (1 - its share of L).
+//!
+//! In the first scans places are proposed: each early range puts the tag on a circle around its anchor, cut into arcs.
+
+use super::association::Measurement;
+use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
+use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, predict_agent, regress_distance};
+use super::{Matrix, zeros};
+use cogmint_core::perceptor::state_filter::Motion;
+use std::fmt;
+
+/// Gate of arcs against the prior, squared standard deviations.
+const PRIOR_GATE2: f32 = 36.0;
+/// What the prior's variances grow by where it was wrong.
+const DOUBT: f32 = 4.0;
+/// Places held at once.
+const PLACES: usize = 28;
+/// Arcs per circle, and the turn from each to the next: cosine and sine of 2 pi / 64.
+const DIRECTIONS: usize = 64;
+const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
+/// Standard deviation of an arc along the circle, radians.
+const ARC_STD: f32 = 0.06;
+/// Least share of the variance across in that along the radius, against rounding.
+const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
+/// Ranges per anchor that are tried as the direct path, and in how many scans.
+const EARLIEST: usize = 4;
+const PROPOSALS: u16 = 3;
+/// Most places that one place becomes in a cycle.
+const BRANCHES: usize = 8;
+/// Gate, as a normalised squared innovation.
+const GATE2: f32 = 9.0;
+/// Weight, of the heaviest, below which a place is dropped.
+const LIGHTEST: f32 = 1e-9;
+/// Settled: as much of the weight at one place, after as many scans.
+const SETTLED_WEIGHT: f32 = 0.999_999;
+const SETTLED_CYCLES: u16 = 8;
+/// And all within this of the heaviest, metres.
+const NEAR_M: f32 = 0.3;
+/// Squared Mahalanobis distance below which two places are one.
+const SAME2: f32 = 1.0;
+/// Least factors of a weight: by a feature, and of a newcomer by a scan before it came.
+const LEAST_FACTOR: f32 = 1e-12;
+const LEAST_MISSED: f32 = 1e-6;
+/// Share of a scan's likelihood below which a virtual anchor does not move the tag.
+const LEAST_SHARE: f32 = 1e-3;
+/// Most that one update may shrink a variance.
+const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
+/// Least squared radius of a circle, square metres, and least determinant of the covariance around it.
+const LEAST_RADIUS2: f32 = 1e-4;
+const LEAST_DETERMINANT: f32 = 1e-20;
+
+/// A direct path or a virtual anchor.
+#[derive(Clone, Copy, Debug)]
+pub struct Landmark<T> {
+    /// Position, metres.
+    pub position_m: [T; 2],
+    /// Its covariance, square metres.
+    pub covariance_m2: [[T; 2]; 2],
+    /// Height above the tag, metres.
+    pub height_m: T,
+    /// Probability that it exists and is detected.
+    pub detection: T,
+}
+
+/// What one anchor delivered, and what it may be.
+#[derive(Clone, Debug)]
+pub struct Sweep<T> {
+    /// The ranges.
+    pub measurements: Vec<Measurement<T>>,
+    /// The anchor.
+    pub direct: Landmark<T>,
+    /// Its virtual anchors, by slot.
+    pub reflections: Vec<Landmark<T>>,
+    /// Bias of the ranges, metres.
+    pub bias_m: T,
+    /// Its variance, square metres.
+    pub bias_variance_m2: T,
+    /// Intensity of measurements of unknown origin, per metre.
+    pub all_per_m: T,
+    /// That of false alarms among them.
+    pub false_alarms_per_m: T,
+}
+
+/// A place.
+#[derive(Clone, Debug)]
+struct Place<T> {
+    agent: Agent<T>,
+    /// Logarithm of the weight; the heaviest has 0 after each scan.
+    weight_ln: T,
+}
+
+/// The line that a landmark's range follows around a place.
+struct Line<T> {
+    range_m: T,
+    slope: [T; 2],
+    /// Variance of the range expected.
+    variance_m2: T,
+}
+
+/// What the ranges of one landmark amount to.
+struct Shift<T> {
+    /// Their probability.
+    share: T,
+    /// First moment of their innovations, metres.
+    first_m: T,
+    /// Second moment, square metres.
+    second_m2: T,
+    /// Measurement variance, square metres.
+    noise_m2: T,
+}
+
+/// The mixture.
+#[derive(Clone, Debug)]
+pub struct Acquisition<T> {
+    prior: Agent<T>,
+    places: Vec<Place<T>>,
+    /// Cycles with measurements.
+    scans: u16,
+    /// Logarithm of the weight of a place that is proposed now.
+    newcomer_ln: T,
+}
+
+impl<T: Real> Acquisition<T> {
+    /// Around the prior.
+    pub fn new(prior: Agent<T>) -> Self {
+        Self { prior, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO }
+    }
+
+    /// Number of places.
+    pub fn places(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Prediction by `dt` seconds; a position that is known worse than the limit gets no worse.
+    pub fn predict(&mut self, motion: &Motion, dt: T) {
+        let limit = square(T::of(motion.position_std_limit_m));
+        let acceleration = T::of(motion.acceleration_std_m_s2);
+        let places = self.places.iter_mut().map(|place| &mut place.agent);
+        for agent in places.chain([&mut self.prior]) {
+            for (p, v) in [(PX, VX), (PY, VY)] {
+                agent.mean[p] = agent.mean[p] + dt * agent.mean[v];
+            }
+            let mut next = predict_agent(&agent.covariance, dt, acceleration, T::ONE);
+            // Back to the reach of the radio.
+            let within = |variance: T| sqrt(smaller(limit / larger(variance, limit), T::ONE));
+            let (x, y) = (within(next[PX][PX]), within(next[PY][PY]));
+            next[PX][PX] *= x * x;
+            next[PY][PY] *= y * y;
+            for (row, column, factor) in [(PX, PY, x * y), (PX, VX, x), (PX, VY, x), (PY, VX, y), (PY, VY, y)]
+            {
+                next[row][column] *= factor;
+                next[column][row] = next[row][column];
+            }
+            agent.covariance = next;
+        }
+    }
+
+    /// Weighs all places by the sweeps of a cycle, and proposes new ones.
+    pub fn observe(&mut self, sweeps: &[Sweep<T>]) -> bool {
+        if sweeps.iter().all(|sweep| sweep.measurements.is_empty()) {
+            return false;
+        }
+        self.scans = self.scans.saturating_add(1);
+        for place in std::mem::take(&mut self.places) {
+            self.offer(place.hear(sweeps, None));
+        }
+        if self.scans <= PROPOSALS {
+            for s in 0..sweeps.len() {
+                self.propose(sweeps, s);
+            }
+        }
+        // A place that comes later was heard by nobody up to here.
+        for sweep in sweeps {
+            self.newcomer_ln += ln(larger(T::ONE - sweep.direct.detection, T::of(LEAST_MISSED)));
+        }
+        self.thin();
+        if self.places.is_empty() {
+            // No arc within the prior's gate, or no weight that is a number.
+            let mut prior = self.prior.clone();
+            for p in [PX, PY] {
+                for other in [PX, PY] {
+                    prior.covariance[p][other] = T::of(DOUBT) * self.prior.covariance[p][other];
+                }
+                for v in [VX, VY] {
+                    prior.covariance[p][v] = T::ZERO;
+                    prior.covariance[v][p] = T::ZERO;
+                }
+            }
+            *self = Self::new(prior);
+        }
+        true
+    }
+
+    /// The places at which an early range of sweep `s` would be its direct path.
+    fn propose(&mut self, sweeps: &[Sweep<T>], s: usize) {
+        let sweep = &sweeps[s];
+        let mut after = T::ZERO;
+        for _ in 0..EARLIEST {
+            // The next longer range (the first of equals).
+            let mut next: Option<&Measurement<T>> = None;
+            for measurement in &sweep.measurements {
+                let shorter = next.is_none_or(|least| measurement.range_m < least.range_m);
+                if measurement.range_m > after && shorter {
+                    next = Some(measurement);
+                }
+            }
+            let Some(measurement) = next else { return };
+            after = measurement.range_m;
+            let slant = after - sweep.bias_m;
+            let radius_m = sqrt(larger(square(slant) - square(sweep.direct.height_m), T::of(LEAST_RADIUS2)));
+            let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
+            // Order: each direction is the one before, turned once more.
+            let mut direction = [T::ONE, T::ZERO];
+            for _ in 0..DIRECTIONS {
+                // Most arcs are out of reach of the prior.
+                let place = self.on_arc(sweep.direct.position_m, direction, radius_m, variance_m2);
+                if let Some(place) = place {
+                    self.offer(place.hear(sweeps, Some((s, after))));
+                }
+                let ([x, y], [c, s]) = (direction, NEXT_DIRECTION.map(T::of));
+                direction = [x * c - y * s, x * s + y * c];
+            }
+        }
+    }
+
+    /// The prior, given that the tag is on an arc of a circle: a Kalman update by the arc's position.
+    fn on_arc(&self, centre_m: [T; 2], direction: [T; 2], radius_m: T, variance_m2: T) -> Option<Place<T>> {
+        let num = T::of;
+        let [ux, uy] = direction;
+        let across = square(num(ARC_STD) * radius_m);
+        let along = variance_m2 + num(ROUNDING_MARGIN) * across;
+        // R of the arc: the range along u, the angle across.
+        let xx = along * square(ux) + across * square(uy);
+        let yx = (along - across) * (ux * uy);
+        let yy = along * square(uy) + across * square(ux);
+        let r = [[xx, yx], [yx, yy]];
+        let arc = [centre_m[0] + radius_m * ux, centre_m[1] + radius_m * uy];
+
+        // Everything over det(S), S = C + R.
+        let c = &self.prior.covariance;
+        let (of_prior, of_arc) = (c[PX][PX] * c[PY][PY] - square(c[PY][PX]), along * across);
+        let mixed = c[PX][PX] * yy + c[PY][PY] * xx - num(2.0) * (c[PY][PX] * yx);
+        let determinant = larger(of_prior + of_arc + mixed, num(LEAST_DETERMINANT));
+        let scale = T::ONE / determinant;
+        let off = -((c[PY][PX] + yx) * scale);
+        let inverse = [[(c[PY][PY] + yy) * scale, off], [off, (c[PX][PX] + xx) * scale]];
+        // S^-1 R = (adj(C) R + det(R) 1) / det(S).
+        let left = [
+            [(c[PY][PY] * xx - c[PY][PX] * yx + of_arc) * scale, (c[PY][PY] * yx - c[PY][PX] * yy) * scale],
+            [(c[PX][PX] * yx - c[PY][PX] * xx) * scale, (c[PX][PX] * yy - c[PY][PX] * yx + of_arc) * scale],
+        ];
+        let nu = [arc[0] - self.prior.mean[PX], arc[1] - self.prior.mean[PY]];
+        let form = nu[0] * (inverse[0][0] * nu[0] + inverse[0][1] * nu[1])
+            + nu[1] * (inverse[1][0] * nu[0] + inverse[1][1] * nu[1]);
+        if form > num(PRIOR_GATE2) {
+            return None;
+        }
+        let mut agent = self.prior.clone();
+        for i in 0..AGENT {
+            let gain = [0, 1].map(|axis| c[i][PX] * inverse[0][axis] + c[i][PY] * inverse[1][axis]);
+            agent.mean[i] += gain[0] * nu[0] + gain[1] * nu[1];
+            for j in 0..=i {
+                agent.covariance[i][j] = if i <= PY {
+                    // C_pp S^-1 R = (det(C) R + det(R) C) / det(S).
+                    (of_prior * r[i][j] + of_arc * c[i][j]) * scale
+                } else if j <= PY {
+                    // C_vp S^-1 R.
+                    c[i][PX] * left[0][j] + c[i][PY] * left[1][j]
+                } else {
+                    // C_vv - C_vp S^-1 C_pv.
+                    c[i][j] - (gain[0] * c[j][PX] + gain[1] * c[j][PY])
+                };
+            }
+        }
+        mirror(&mut agent.covariance);
+        // The arcs of a circle are the denser, the smaller it is.
+        let weight_ln = self.newcomer_ln + ln(radius_m) - num(0.5) * (form + ln(determinant));
+        Some(Place { agent, weight_ln })
+    }
+
+    fn offer(&mut self, places: Vec<Place<T>>) {
+        for place in places {
+            keep_heaviest(&mut self.places, PLACES, place);
+        }
+    }
+
+    /// Scales the heaviest weight to 1, drops light places, and joins those that are one.
+    fn thin(&mut self) {
+        let mut most = T::of(f32::NEG_INFINITY);
+        for place in &self.places {
+            most = larger(place.weight_ln, most);
+        }
+        for place in &mut self.places {
+            place.weight_ln -= most;
+        }
+        self.newcomer_ln -= most;
+        let least = ln(T::of(LIGHTEST));
+        self.places.retain(|place| place.weight_ln > least);
+        let mut joined: Vec<Place<T>> = Vec::new();
+        for place in &self.places {
+            match joined.iter_mut().find(|other| other.is_same(place)) {
+                Some(other) => other.absorb(place),
+                None => joined.push(place.clone()),
+            }
+        }
+        self.places = joined;
+    }
+
+    /// One Gaussian with the mixture's moments.
+    pub fn summary(&self) -> Agent<T> {
+        let Some(first) = self.places.first() else { return self.prior.clone() };
+        let mut union = first.clone();
+        for place in &self.places[1..] {
+            union.absorb(place);
+        }
+        union.agent
+    }
+
+    /// The heaviest place (the first of equals), once it has nearly all weight.
+    pub fn settled(&self) -> Option<Agent<T>> {
+        if self.scans < SETTLED_CYCLES {
+            return None;
+        }
+        let mut heaviest = self.places.first()?;
+        for place in &self.places {
+            if place.weight_ln > heaviest.weight_ln {
+                heaviest = place;
+            }
+        }
+        let (mut near, mut all) = (T::ZERO, T::ZERO);
+        for place in &self.places {
+            let weight = exp(place.weight_ln - heaviest.weight_ln);
+            let away_x = place.agent.mean[PX] - heaviest.agent.mean[PX];
+            let away_y = place.agent.mean[PY] - heaviest.agent.mean[PY];
+            all += weight;
+            if square(away_x) + square(away_y) < square(T::of(NEAR_M)) {
+                near += weight;
+            }
+        }
+        (near > T::of(SETTLED_WEIGHT) * all).then(|| self.summary())
+    }
+
+    /// Every number with its name, in the order of the core's `visit`.
+    pub fn visit(&self, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
+        f(format_args!("scans"), T::of(f32::from(self.scans)));
+        f(format_args!("weight of a newcomer"), self.newcomer_ln);
+        f(format_args!("number of places"), T::of_count(self.places.len()));
+        for n in 0..=self.places.len() {
+            let (agent, name) = match self.places.get(n) {
+                Some(place) => (&place.agent, format!("place {n}")),
+                None => (&self.prior, "the prior".to_owned()),
+            };
+            for i in 0..AGENT {
+                f(format_args!("state {i} of {name}"), agent.mean[i]);
+            }
+            // Order: column by column.
+            for j in 0..AGENT {
+                for i in 0..AGENT {
+                    f(format_args!("covariance ({i}, {j}) of {name}"), agent.covariance[i][j]);
+                }
+            }
+        }
+        for n in 0..self.places.len() {
+            f(format_args!("weight of place {n}"), self.places[n].weight_ln);
+        }
+    }
+}
+
+impl<T: Real> Place<T> {
+    /// The places that this one becomes by all sweeps. `origin`: the sweep and the range that proposed it, which is the
+    /// direct path then and moves nothing.
+    fn hear(&self, sweeps: &[Sweep<T>], origin: Option<(usize, T)>) -> Vec<Self> {
+        let mut branches = vec![self.clone()];
+        for s in 0..sweeps.len() {
+            let given = match origin {
+                Some((of, range_m)) if of == s => Some(range_m),
+                _ => None,
+            };
+            let mut grown = Vec::new();
+            for branch in &branches {
+                branch.branch(&sweeps[s], given, &mut grown);
+            }
+            branches = grown;
+        }
+        branches
+    }
+
+    /// One sweep: a place for every choice of the direct path.
+    fn branch(&self, sweep: &Sweep<T>, given: Option<T>, grown: &mut Vec<Self>) {
+        let num = T::of;
+        let detection = sweep.direct.detection;
+        let line = self.regress(&sweep.direct);
+        if given.is_none() {
+            let expected_m = line.range_m + sweep.bias_m;
+            let shorter = sweep.shorter_cost(expected_m, line.variance_m2 + sweep.bias_variance_m2);
+            let mut missed = self.clone();
+            missed.weight_ln += ln(larger((T::ONE - detection) * shorter, num(LEAST_FACTOR)));
+            missed.weigh_reflections(sweep, None);
+            keep_heaviest(grown, BRANCHES, missed);
+        }
+        for m in 0..sweep.measurements.len() {
+            let measurement = &sweep.measurements[m];
+            let noise_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
+            let innovation = measurement.range_m - sweep.bias_m - line.range_m;
+            let variance = line.variance_m2 + noise_m2;
+            let nis = square(innovation) / variance;
+            let chosen = given.map_or(nis < num(GATE2), |range_m| range_m == measurement.range_m);
+            if !chosen {
+                continue;
+            }
+            let peak = if given.is_some() { T::ONE } else { exp(num(-0.5) * nis) };
+            let density = peak / sqrt(tau::<T>() * variance);
+            let shorter = sweep.shorter_cost(measurement.range_m, noise_m2);
+            let factor = detection * density * shorter / sweep.all_per_m;
+            let mut heard = self.clone();
+            heard.weight_ln += ln(larger(factor, num(LEAST_FACTOR)));
+            if given.is_none() {
+                let second_m2 = square(innovation);
+                heard.correct(&line, &Shift { share: T::ONE, first_m: innovation, second_m2, noise_m2 });
+            }
+            heard.weigh_reflections(sweep, Some(m));
+            keep_heaviest(grown, BRANCHES, heard);
+        }
+    }
+
+    /// The range of a landmark, from here.
+    fn regress(&self, landmark: &Landmark<T>) -> Line<T> {
+        let Agent { mean, covariance: c } = &self.agent;
+        let a = &landmark.covariance_m2;
+        let [ax, ay] = landmark.position_m;
+        let spread = [c[PX][PX] + a[0][0], c[PY][PX] + a[1][0], c[PY][PY] + a[1][1]];
+        let (range_m, slope, residual, explained) =
+            regress_distance([mean[PX] - ax, mean[PY] - ay], spread, landmark.height_m);
+        Line { range_m, slope, variance_m2: explained + residual }
+    }
+
+    /// Weighs by the virtual anchors, one by one; `taken` is the direct path.
+    fn weigh_reflections(&mut self, sweep: &Sweep<T>, taken: Option<usize>) {
+        let num = T::of;
+        let columns = sweep.measurements.len();
+        let mut left = vec![T::ONE; columns];
+        if let Some(taken) = taken {
+            left[taken] = T::ZERO;
+        }
+        for landmark in &sweep.reflections {
+            let line = self.regress(landmark);
+            let mut shares = vec![T::ZERO; columns];
+            let [mut weight, mut first, mut second, mut noise] = [T::ZERO; 4];
+            for m in 0..columns {
+                let own = sweep.measurements[m].variance_m2 + sweep.bias_variance_m2;
+                let innovation = sweep.measurements[m].range_m - sweep.bias_m - line.range_m;
+                let variance = line.variance_m2 + own;
+                let nis = square(innovation) / variance;
+                if nis < num(GATE2) {
+                    let density = landmark.detection * exp(num(-0.5) * nis) / sqrt(tau::<T>() * variance);
+                    let p = left[m] * density / sweep.all_per_m;
+                    shares[m] = p;
+                    weight += p;
+                    first += p * innovation;
+                    second += p * square(innovation);
+                    noise += p * own;
+                }
+            }
+            let total = weight + (T::ONE - landmark.detection);
+            self.weight_ln += ln(larger(total, num(LEAST_FACTOR)));
+            for m in 0..columns {
+                left[m] *= larger(T::ONE - shares[m] / total, T::ZERO);
+            }
+            // A virtual anchor's error is the same in every scan: where it is larger than that of the range, the tag
+            // would follow it.
+            let [gx, gy] = line.slope;
+            let a = &landmark.covariance_m2;
+            let own = gx * (gx * a[0][0] + gy * a[1][0]) + gy * (gx * a[1][0] + gy * a[1][1]);
+            if weight > num(LEAST_SHARE) * total && own * weight < noise {
+                let shift = Shift {
+                    share: weight / total,
+                    first_m: first / total,
+                    second_m2: second / total,
+                    noise_m2: noise / weight,
+                };
+                self.correct(&line, &shift);
+            }
+        }
+    }
+
+    /// The state filter's update, of the tag alone: x <- x + w nu / S, C <- C + (spread / S^2 - share / S) w w'.
+    fn correct(&mut self, line: &Line<T>, shift: &Shift<T>) {
+        let Agent { mean, covariance: c } = &mut self.agent;
+        let [gx, gy] = line.slope;
+        let w: Vec<T> = (0..AGENT).map(|i| gx * c[i][PX] + gy * c[i][PY]).collect();
+        let of_tag = gx * w[PX] + gy * w[PY];
+        let least = of_tag * (T::ONE + T::of(LARGEST_SHRINK));
+        let inverse = T::ONE / larger(line.variance_m2 + shift.noise_m2, least);
+        let spread = larger(shift.second_m2 - square(shift.first_m), T::ZERO);
+        let scale = smaller((spread * inverse - shift.share) * inverse, inverse);
+        let step = inverse * shift.first_m;
+        for i in 0..AGENT {
+            mean[i] += w[i] * step;
+            for j in 0..=i {
+                c[i][j] += scale * w[i] * w[j];
+            }
+        }
+        mirror(c);
+    }
+
+    /// Near in terms of both covariances.
+    fn is_same(&self, other: &Self) -> bool {
+        let (a, b) = (&self.agent, &other.agent);
+        let [dx, dy] = [PX, PY].map(|axis| b.mean[axis] - a.mean[axis]);
+        let sum = |i: usize, j: usize| a.covariance[i][j] + b.covariance[i][j];
+        let [xx, yx, yy] = [sum(PX, PX), sum(PY, PX), sum(PY, PY)];
+        let determinant = xx * yy - square(yx);
+        // The distance times the determinant.
+        let form = yy * square(dx) - T::of(2.0) * (yx * (dx * dy)) + xx * square(dy);
+        form < T::of(SAME2) * determinant
+    }
+
+    /// Union: the sum of the weights, the moments of both.
+    fn absorb(&mut self, other: &Self) {
+        let top = larger(self.weight_ln, other.weight_ln);
+        let (p, q) = (exp(self.weight_ln - top), exp(other.weight_ln - top));
+        let (a, b) = (p / (p + q), q / (p + q));
+        let (mine, theirs) = (&mut self.agent, &other.agent);
+        let away: Vec<T> = (0..AGENT).map(|i| theirs.mean[i] - mine.mean[i]).collect();
+        let mut mixed = zeros(AGENT, AGENT);
+        for i in 0..AGENT {
+            mine.mean[i] += b * away[i];
+            for j in 0..=i {
+                let within = a * mine.covariance[i][j] + b * theirs.covariance[i][j];
+                mixed[i][j] = within + a * b * (away[i] * away[j]);
+            }
+        }
+        mirror(&mut mixed);
+        mine.covariance = mixed;
+        self.weight_ln = top + ln(p + q);
+    }
+}
+
+impl<T: Real> Sweep<T> {
+    /// First-arrival rule: what is more than two deviations shorter than the direct path must be a false alarm.
+    fn shorter_cost(&self, direct_m: T, variance_m2: T) -> T {
+        let cost = self.false_alarms_per_m / self.all_per_m;
+        let mut factor = T::ONE;
+        for other in &self.measurements {
+            if other.range_m < direct_m - T::of(2.0) * sqrt(variance_m2 + other.variance_m2) {
+                factor *= cost;
+            }
+        }
+        factor
+    }
+}
+
+/// Adds a place; where there is no room, in place of the lightest (the first of equals) if that is lighter.
+fn keep_heaviest<T: Real>(places: &mut Vec<Place<T>>, room: usize, place: Place<T>) {
+    if places.len() < room {
+        places.push(place);
+        return;
+    }
+    let mut lightest = 0;
+    for n in 0..places.len() {
+        if places[n].weight_ln < places[lightest].weight_ln {
+            lightest = n;
+        }
+    }
+    if places[lightest].weight_ln < place.weight_ln {
+        places[lightest] = place;
+    }
+}
+
+/// Symmetric by copy: the lower triangle is what was computed.
+fn mirror<T: Real>(c: &mut Matrix<T>) {
+    for i in 0..c.len() {
+        for j in 0..i {
+            c[j][i] = c[i][j];
+        }
+    }
+}

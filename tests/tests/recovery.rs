@@ -1,0 +1,50 @@
+//! Loss and recovery: a tag that moves on unheard is found again, and one that is heard is not said to be lost.
+
+use cogmint::experiment::tracking::slam_ranges::SlamRanges;
+use cogmint::recording::Recording;
+use cogmint::track::{Track, track};
+use std::path::Path;
+
+/// The SLAM scenario with all virtual anchors told to a decimetre.
+fn with_map(seed: u64) -> Recording {
+    let mut recording = SlamRanges::default().record(seed);
+    for virtual_anchor in &mut recording.virtual_anchors {
+        virtual_anchor.known = true;
+        virtual_anchor.std_m = 0.1;
+    }
+    recording
+}
+
+fn run(recording: &Recording, seed: u64) -> Track {
+    track(recording, Path::new("recovery"), Some(seed), || {}).unwrap()
+}
+
+/// The errors from a cycle on, metres.
+fn errors_from(run: &Track, cycle: usize) -> impl Iterator<Item = f64> {
+    run.errors_m.iter().filter(move |(index, _)| *index >= cycle).map(|(_, error_m)| *error_m)
+}
+
+#[test]
+fn a_minute_without_frames_is_survived_with_and_without_a_map() {
+    for seed in 1..=10 {
+        for mut recording in [with_map(seed), SlamRanges::default().record(seed)] {
+            recording.cycles.drain(500..560);
+            let run = run(&recording, seed);
+            assert!(!run.score.diverged, "seed {seed}");
+            let worst = errors_from(&run, 560).fold(0.0, f64::max);
+            assert!(worst < 0.6, "seed {seed}: {worst} m");
+        }
+    }
+}
+
+#[test]
+fn a_tag_that_is_heard_is_not_said_to_be_lost() {
+    for seed in 1..=10 {
+        let run = run(&SlamRanges::default().record(seed), seed);
+        let acquired = run.steps.iter().position(|step| !step.report.acquiring).unwrap();
+        assert!(acquired < 100, "seed {seed}: {acquired}");
+        for step in &run.steps[acquired..] {
+            assert!(!step.report.lost && !step.report.acquiring, "seed {seed}, cycle {}", step.report.cycle);
+        }
+    }
+}
