@@ -1,5 +1,5 @@
-//! The perception-action cycle: receive, estimate, associate, update, remember, discover, reward, learn, plan,
-//! act.
+//! The perception-action cycle: receive, estimate, acquire or associate, update, remember, discover, reward, learn,
+//! plan, act.
 
 use crate::anchor::{Anchor, MappedVirtualAnchor};
 use crate::config::Config;

@@ -1,9 +1,10 @@
 //! The perceptor: from raw samples to the joint state of tag and virtual anchors.
 //!
 //! Data passes through the stages in this order, and each can be used alone:
-//! [`channel_estimator`] finds the specular paths in a frame, [`association`] decides which path belongs to
-//! which virtual anchor, [`state_filter`] moves the estimate, and [`discovery`] looks for virtual anchors among
-//! the paths that were left over.
+//! [`channel_estimator`] finds the specular paths in a frame, [`acquisition`] finds out where the tag is while that is not
+//! known, [`association`] decides which path belongs to which virtual anchor, [`state_filter`] moves the estimate,
+//! [`loss`] notices when the tag is elsewhere, and [`discovery`] looks for virtual anchors among the paths that were left
+//! over.
 
 pub mod acquisition;
 pub mod association;

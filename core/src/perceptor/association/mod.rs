@@ -194,7 +194,8 @@ impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
     }
 }
 
-/// Associates one anchor's `measurements` with its direct path and its virtual anchors.
+/// Associates one anchor's `measurements` with its direct path and its virtual anchors. `claims` says, per measurement, how
+/// much more probable something that is not among these features makes it than clutter would (1: nothing).
 pub fn associate<const VAS: usize, const PATHS: usize>(
     direct: &Expectation,
     virtual_anchors: &Vec<Expectation, VAS>,
