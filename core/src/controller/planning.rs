@@ -9,7 +9,7 @@ use super::library::Library;
 use super::reward::{Reward, reward};
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::memory::channel::ChannelMemory;
-use crate::perceptor::state_filter::Source;
+use crate::perceptor::state_filter::{Source, predict_agent};
 use crate::pulse::{Pulse, PulseShape};
 use nalgebra::{Matrix2, Matrix4};
 
@@ -45,23 +45,6 @@ pub struct Outlook {
     pub range_floor_m: f32,
     /// Shape of the pulse.
     pub pulse_shape: PulseShape,
-}
-
-/// Near-constant-velocity prediction of the agent's covariance, F C F' + sigma_a^2 G G'.
-pub(crate) fn predict_agent(c: &Matrix4<f32>, dt: f32, acceleration_std_m_s2: f32) -> Matrix4<f32> {
-    let variance = acceleration_std_m_s2 * acceleration_std_m_s2;
-    let from_velocity = variance * (dt * dt);
-    let from_both = from_velocity * (0.5 * dt);
-    let from_position = from_both * (0.5 * dt);
-    let m11 = c.m11 + dt * (2.0 * c.m31) + dt * dt * c.m33 + from_position;
-    let m21 = c.m21 + dt * (c.m32 + c.m41) + dt * dt * c.m43;
-    let m22 = c.m22 + dt * (2.0 * c.m42) + dt * dt * c.m44 + from_position;
-    let m31 = c.m31 + dt * c.m33 + from_both;
-    let m32 = c.m32 + dt * c.m43;
-    let m41 = c.m41 + dt * c.m43;
-    let m42 = c.m42 + dt * c.m44 + from_both;
-    let (m33, m43, m44) = (c.m33 + from_velocity, c.m43, c.m44 + from_velocity);
-    Matrix4::new(m11, m21, m31, m41, m21, m22, m32, m42, m31, m32, m33, m43, m41, m42, m43, m44)
 }
 
 /// Discounted, normalised rewards of the actions in `planned`; zero for the others.

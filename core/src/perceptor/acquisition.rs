@@ -13,8 +13,7 @@
 //! [`DIRECTIONS`] arcs; each arc is weighed by the prior and by all measurements, and the heaviest stay.
 
 use super::association::Measurement;
-use super::state_filter::{Agent, DistanceRegression, Motion, regress_distance};
-use crate::controller::planning::predict_agent;
+use super::state_filter::{Agent, DistanceRegression, Motion, predict_agent, regress_distance};
 use crate::real::{TAU, exp, larger, ln, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix4, Vector4};

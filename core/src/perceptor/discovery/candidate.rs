@@ -271,7 +271,7 @@ impl Candidate {
             return None;
         }
         let (position, gain, covariance) = union.given_tag(self.origin_m);
-        Some(Discovered { position, gain, covariance, existence: self.existence })
+        Some(Discovered { position, gain, covariance })
     }
 
     /// Every number, in a fixed order, for traces.

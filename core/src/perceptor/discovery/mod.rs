@@ -49,8 +49,6 @@ pub struct Discovered {
     pub gain: Matrix2<f32>,
     /// Covariance of what the tag's position does not explain, square metres.
     pub covariance: Matrix2<f32>,
-    /// Probability that it exists.
-    pub existence: f32,
 }
 
 /// From where an anchor's candidates are seen.
