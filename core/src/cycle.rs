@@ -20,7 +20,7 @@ use crate::perceptor::association::{
 };
 use crate::perceptor::channel_estimator::ChannelEstimator;
 use crate::perceptor::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
-use crate::perceptor::loss::LossMonitor;
+use crate::perceptor::loss::{LossMonitor, evidence_nat};
 use crate::perceptor::state_filter::{Agent, Innovation, Regression, Sight, Source, StateFilter};
 use crate::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger, limited};
@@ -55,6 +55,8 @@ struct AssociatedScan<'a, const VAS: usize, const PATHS: usize> {
     virtual_anchors: Vec<Regression, VAS>,
     claims: Claims<PATHS>,
     beliefs: Beliefs<VAS, PATHS>,
+    /// Evidence that the tag is where it is believed to be, nats.
+    evidence_nat: f32,
 }
 
 impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
@@ -204,6 +206,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let heard = self.associate(&scans, tag_height_m, observer);
 
         let mut report = self.blank_report();
+        if self.acquisition.is_none() {
+            report.lost = self.watch(&heard);
+        }
         report.acquiring = self.acquisition.is_some();
         if !report.acquiring {
             observer.stage(Stage::Update);
@@ -214,11 +219,12 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
             observer.stage(Stage::Remember);
             self.remember(&heard, &mut report);
-            self.watch(&heard, &mut report);
             report.nis = Self::normalised_innovation(&heard);
 
             observer.stage(Stage::Discover);
-            self.discover(&heard, tag_height_m, &mut report);
+            if !self.loss.is_doubtful() {
+                self.discover(&heard, tag_height_m, &mut report);
+            }
         }
         let posterior = self.filter.agent_covariance();
 
@@ -409,40 +415,34 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Notices when the tag is not where it is believed to be.
-    fn watch(&mut self, heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>, report: &mut CycleReport) {
-        let (mut expected, mut found) = (0.0, 0.0);
-        for associated in heard {
-            for (regression, belief) in associated.features() {
-                let existence = match regression.source {
-                    Source::Direct { .. } => 1.0,
-                    Source::Virtual { slot, .. } => {
-                        self.environment.get(slot).map_or(0.0, |record| record.existence)
-                    }
-                };
-                expected += existence * self.detection(regression.source, associated.scan);
-                found += 1.0 - belief.missed;
-            }
+    fn watch(&mut self, heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>) -> bool {
+        self.loss.observe(heard.iter().fold(0.0, |sum, associated| sum + associated.evidence_nat));
+        if !self.loss.is_lost() {
+            return false;
         }
-        if heard.is_empty() {
-            return;
+        let agent = self.filter.agent();
+        let reach = self.config.motion.position_std_limit_m;
+        let speed = self.config.start.velocity_std_m_s;
+        let (position, velocity) = (reach * reach, speed * speed);
+        self.lose(Agent {
+            mean: Vector4::new(agent.mean.x, agent.mean.y, 0.0, 0.0),
+            covariance: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
+        });
+        if let Some(acquisition) = &mut self.acquisition {
+            acquisition.suggest(agent);
         }
-        self.loss.observe(expected, found);
-        if self.loss.is_lost() {
-            report.lost = true;
-            let start = &self.config.start;
-            let agent = self.filter.agent();
-            let reach = self.config.motion.position_std_limit_m;
-            let (position, velocity) = (reach * reach, start.velocity_std_m_s * start.velocity_std_m_s);
-            self.lose(Agent {
-                mean: Vector4::new(agent.mean.x, agent.mean.y, 0.0, 0.0),
-                covariance: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
-            });
-        }
+        true
     }
 
     /// While it is not known where the tag is: weighs the places it may be at, and puts it where it must be.
     #[inline(never)]
     fn acquire(&mut self, scans: &Vec<Scan<PATHS>, ANCHORS>, elapsed_s: f32, tag_height_m: Option<f32>) {
+        let mut detections: Vec<(f32, [f32; VAS]), ANCHORS> = Vec::new();
+        for scan in scans {
+            let direct = self.detection(Source::Direct { anchor: scan.anchor }, scan);
+            // As many as scans: the push succeeds.
+            let _ = detections.push((direct, self.detections(scan)));
+        }
         let Self { acquisition, discovery, filter, environment, anchors, unexplained, config, .. } = self;
         let Some(acquiring) = acquisition else { return };
         // Candidates are located relative to a tag that is about to jump.
@@ -464,12 +464,14 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         });
         let landmarks = |anchor: usize| {
             let own = anchors.get(anchor);
+            let scan = scans.iter().position(|scan| scan.anchor == anchor).unwrap_or(0);
+            let detection = detections.get(scan);
             let height_m = tag_height_m.zip(own).map_or(0.0, |(height, own)| own.height_m - height);
             let direct = own.map(|own| Landmark {
                 position_m: own.position_m,
                 covariance_m2: [0.0; 3],
                 height_m,
-                detection: settings.detection_probability,
+                detection: detection.map_or(0.0, |(direct, _)| *direct),
             });
             let reflected = environment.iter().filter(move |(_, record)| record.anchor == anchor);
             direct.into_iter().chain(reflected.filter_map(move |(slot, record)| {
@@ -478,7 +480,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                     position_m: [a.x, a.y],
                     covariance_m2: [c.m11, c.m21, c.m22],
                     height_m,
-                    detection: record.existence * settings.detection_probability,
+                    detection: record.existence * detection?.1.get(slot)?,
                 })
             }))
         };
@@ -553,7 +555,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         if settings.mode == Mode::Map {
             beliefs.harden();
         }
-        Some(AssociatedScan { scan, direct, virtual_anchors, claims, beliefs })
+        let evidence_nat = evidence_nat(&scan.measurements, &direct_path, expectations.iter(), &clutter);
+        Some(AssociatedScan { scan, direct, virtual_anchors, claims, beliefs, evidence_nat })
     }
 
     /// Probability that the path of an existing source is found in a scan: of frames by its SINR as remembered.
@@ -621,6 +624,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         for associated in heard {
             let scan = &associated.scan;
             for (regression, belief) in associated.features() {
+                if self.loss.is_doubtful() {
+                    // What is missing from here may be where it was: the tag is not.
+                    break;
+                }
                 if let Source::Virtual { slot, .. } = regression.source {
                     let detection = self.detection(regression.source, scan);
                     self.environment.remember(slot, belief.existence, belief.missed < 0.5, detection);

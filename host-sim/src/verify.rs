@@ -563,8 +563,7 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     if let Some(acquisition) = &reference.acquisition {
         acquisition.visit(&mut |_, value| hash.float(value));
     }
-    hash.float(reference.loss.expected);
-    hash.float(reference.loss.found);
+    hash.float(reference.loss.doubt_nat);
     for value in reference.values.iter().chain(&reference.policy).chain(&reference.unexplained) {
         hash.float(*value);
     }

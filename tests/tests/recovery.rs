@@ -38,6 +38,37 @@ fn a_minute_without_frames_is_survived_with_and_without_a_map() {
 }
 
 #[test]
+fn a_tag_that_is_carried_off_unheard_is_found_within_ten_scans_with_and_without_a_map() {
+    // From step 500 on, the tag walks back from the way's end: metres from where it was.
+    let carried = |mut recording: Recording| {
+        let mut back = recording.cycles.split_off(500);
+        let times: Vec<f64> = back.iter().map(|cycle| cycle.time_s).collect();
+        back.reverse();
+        for (cycle, time_s) in back.iter_mut().zip(times) {
+            cycle.time_s = time_s;
+        }
+        recording.cycles.extend(back);
+        recording
+    };
+    for seed in 1..=10 {
+        for recording in [with_map(seed), SlamRanges::default().record(seed)] {
+            let recording = carried(recording);
+            let truth = |cycle: usize| recording.cycles[cycle].truth_position_m.unwrap();
+            let ([x, y], [u, v]) = (truth(499), truth(500));
+            assert!((x - u).hypot(y - v) > 2.0);
+            let run = run(&recording, seed);
+            let lost: Vec<usize> = (0..run.steps.len()).filter(|&i| run.steps[i].report.lost).collect();
+            assert!(
+                lost.iter().all(|cycle| (500..510).contains(cycle)) && !lost.is_empty(),
+                "{seed}: {lost:?}"
+            );
+            let worst = errors_from(&run, 510).fold(0.0, f64::max);
+            assert!(worst < 0.5, "seed {seed}: {worst} m");
+        }
+    }
+}
+
+#[test]
 fn a_tag_that_is_heard_is_not_said_to_be_lost() {
     for seed in 1..=10 {
         let run = run(&SlamRanges::default().record(seed), seed);

@@ -29,8 +29,6 @@ const ARC_STD: f32 = 0.06;
 const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
 /// Ranges per anchor, the shortest first, that are tried as the direct path.
 const EARLIEST: usize = 4;
-/// Cycles with measurements in which places are proposed.
-const PROPOSALS: u16 = 3;
 /// Branches of one place in one cycle.
 const BRANCHES: usize = 8;
 /// Gate, squared standard deviations.
@@ -41,7 +39,7 @@ const PRIOR_GATE2: f32 = 36.0;
 const DOUBT: f32 = 4.0;
 /// Places lighter than this are dropped.
 const LIGHTEST: f32 = 1e-9;
-/// Settled: this much weight at one place, from at least so many cycles with measurements.
+/// Settled: this much weight at one place, in so many cycles with measurements since places were last proposed.
 const SETTLED_WEIGHT: f32 = 0.999_999;
 const SETTLED_CYCLES: u16 = 8;
 /// Places nearer than this to each other may all go into one Gaussian, metres.
@@ -90,7 +88,7 @@ struct Place {
 pub struct Acquisition {
     prior: Agent,
     places: Vec<Place, PLACES>,
-    /// Cycles with measurements so far.
+    /// Cycles with measurements since places were last proposed.
     scans: u16,
     /// Logarithm of the weight that a place proposed now starts with: in the scans before, it was heard by none.
     newcomer_ln: f32,
@@ -100,6 +98,11 @@ impl Acquisition {
     /// Nothing heard yet; the tag is somewhere around the prior.
     pub fn new(prior: Agent) -> Self {
         Self { prior, places: Vec::new(), scans: 0, newcomer_ln: 0.0 }
+    }
+
+    /// A place that is as probable as all others together, before anything is heard.
+    pub fn suggest(&mut self, agent: Agent) {
+        self.offer(Place { agent, weight_ln: 0.0 });
     }
 
     /// Moves all places `elapsed_s` seconds ahead.
@@ -134,20 +137,23 @@ impl Acquisition {
             return false;
         }
         self.scans = self.scans.saturating_add(1);
+        let newcomers_matter = self.newcomer_ln > ln(LIGHTEST);
         let places = core::mem::take(&mut self.places);
         for place in &places {
             for branch in &place.hear(sweeps.clone(), &landmarks, None) {
                 self.offer(*branch);
             }
         }
-        if self.scans <= PROPOSALS {
+        if newcomers_matter {
+            self.scans = 0;
             for (anchor, sweep) in sweeps.clone() {
                 self.propose(anchor, &sweep, sweeps.clone(), &landmarks);
             }
         }
         for (anchor, _) in sweeps {
-            let missed = landmarks(anchor).next().map_or(1.0, |direct| 1.0 - direct.detection);
-            self.newcomer_ln += ln(larger(missed, 1e-6));
+            for landmark in landmarks(anchor) {
+                self.newcomer_ln += ln(larger(1.0 - landmark.detection, 1e-6));
+            }
         }
         self.thin();
         if self.places.is_empty() {
@@ -258,8 +264,9 @@ impl Acquisition {
                 c.m44 - (wx * c.m41 + wy * c.m42),
             ],
         );
-        // The circle's arcs cover the plane with a density that falls with the radius.
-        let weight_ln = self.newcomer_ln + ln(radius_m) - 0.5 * (form + ln(determinant));
+        // An arc stands for its share of the circle: with the radius, so many metres times the prior's density there.
+        let weight_ln =
+            self.newcomer_ln + ln(radius_m * (1.0 / DIRECTIONS as f32)) - 0.5 * (form + ln(determinant));
         Some(Place { agent, weight_ln })
     }
 
@@ -396,11 +403,8 @@ impl Place {
             }
             let mut heard = *self;
             let shorter = sweep.shorter_cost(measurement.range_m, own);
-            let density = if given.is_some() {
-                1.0 / sqrt(TAU * variance)
-            } else {
-                exp(-0.5 * nis) / sqrt(TAU * variance)
-            };
+            // Of the range that put the place where it is, the arc's weight is the integral.
+            let density = if given.is_some() { 1.0 } else { exp(-0.5 * nis) / sqrt(TAU * variance) };
             heard.weight_ln += ln(larger(direct.detection * density * shorter / sweep.all_per_m, 1e-12));
             if given.is_none() {
                 heard.correct(&line, explained, own, [1.0, innovation, innovation * innovation]);

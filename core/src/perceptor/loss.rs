@@ -1,35 +1,79 @@
 //! Loss: whether the tag is still where the state filter believes it to be.
 //!
-//! Every scan that arrives should show the direct path and the virtual anchors that exist, each with its detection
-//! probability. Where over the last scans far less was found than expected, the tag is elsewhere: a wrong place
-//! explains next to nothing. Where the prediction has become too wide for one Gaussian, it is as good as lost.
+//! Every measurement is asked which of two it speaks for: that the tag is here, so that paths lie where they are expected,
+//! or that it is elsewhere, a metre off or more, so that they are spread about there. With q_k the probability that
+//! feature k exists and is detected and lambda the intensity of what nothing explains, the evidence of measurement m is
+//!
+//! ln (lambda + sum_k q_k N(z_m; mean_k, S_km)) - ln (lambda + sum_k q_k K(z_m - mean_k)),
+//!
+//! K a Cauchy density of one metre. How many measurements there are says nothing: a jammed radio is not a lost tag.
+//! The evidence against the place adds up, that for it pays doubt back but is not saved (Page's test). Where the
+//! prediction has become too wide for one Gaussian, the tag is as good as lost.
 
-/// Forgetting of both counts per cycle with measurements: the last ten cycles count.
-const FORGETTING: f32 = 0.9;
-/// Expected detections from which on the counts mean something.
-const ENOUGH: f32 = 3.0;
-/// Share of the expected detections below which the tag is lost.
-const LEAST_SHARE: f32 = 0.3;
+use super::association::{Clutter, Expectation, Measurement};
+use crate::real::{TAU, abs, exp, larger, ln, sqrt};
+
+/// Spread of the paths of a tag that is elsewhere, metres.
+const ELSEWHERE_M: f32 = 1.0;
+/// Gate, squared standard deviations: what is beyond it is unexpected here.
+const GATE2: f32 = 16.0;
+/// Doubt from which on the map is not judged by what is heard, nats.
+const DOUBTFUL_NAT: f32 = 3.0;
+/// Doubt from which on the tag is lost, nats.
+const LOST_NAT: f32 = 15.0;
 /// Sum of the position's variances beyond which one Gaussian cannot be updated by ranges any more, square metres.
 const WIDEST_M2: f32 = 2.0;
 
 /// The loss monitor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossMonitor {
-    expected: f32,
-    found: f32,
+    doubt_nat: f32,
+}
+
+/// Evidence of one scan that the tag is where these features are expected from, nats: the direct path, and the virtual anchors.
+pub fn evidence_nat<'a>(
+    measurements: &[Measurement],
+    direct: &'a Expectation,
+    virtual_anchors: impl Iterator<Item = &'a Expectation> + Clone,
+    clutter: &Clutter,
+) -> f32 {
+    let unmapped_per_m = clutter.all_per_m - clutter.false_alarms_per_m;
+    let mut evidence_nat = 0.0;
+    for measurement in measurements {
+        let before_direct_m = direct.range_m - measurement.range_m;
+        let is_shorter = before_direct_m > 2.0 * sqrt(direct.variance_m2 + measurement.variance_m2);
+        let mut here = if is_shorter { clutter.false_alarms_per_m } else { clutter.all_per_m };
+        let later = 0.5 - 0.5 * before_direct_m / (ELSEWHERE_M + abs(before_direct_m));
+        let mut elsewhere = clutter.false_alarms_per_m + unmapped_per_m * later;
+        for feature in core::iter::once(direct).chain(virtual_anchors.clone()) {
+            let probability = feature.existence * feature.detection;
+            let innovation = measurement.range_m - feature.range_m;
+            let squared = innovation * innovation;
+            let variance = feature.variance_m2 + measurement.variance_m2;
+            if squared < GATE2 * variance {
+                here += probability * exp(-0.5 * (squared / variance)) / sqrt(TAU * variance);
+            }
+            elsewhere += probability * (2.0 * ELSEWHERE_M / TAU) / (ELSEWHERE_M * ELSEWHERE_M + squared);
+        }
+        evidence_nat += ln(here / elsewhere);
+    }
+    evidence_nat
 }
 
 impl LossMonitor {
-    /// Enters a cycle with measurements: the number of detections expected and found.
-    pub fn observe(&mut self, expected: f32, found: f32) {
-        self.expected = FORGETTING * self.expected + expected;
-        self.found = FORGETTING * self.found + found;
+    /// Enters the evidence of a cycle.
+    pub fn observe(&mut self, evidence_nat: f32) {
+        self.doubt_nat = larger(self.doubt_nat - evidence_nat, 0.0);
     }
 
-    /// Whether far less was found than expected.
+    /// Whether so much speaks against the place that the map must not be judged from it.
+    pub fn is_doubtful(&self) -> bool {
+        self.doubt_nat > DOUBTFUL_NAT
+    }
+
+    /// Whether the tag must be elsewhere.
     pub fn is_lost(&self) -> bool {
-        self.expected > ENOUGH && self.found < LEAST_SHARE * self.expected
+        self.doubt_nat > LOST_NAT
     }
 
     /// Whether a position of these variances (xx, yy; square metres) is too uncertain to be tracked.
@@ -39,8 +83,7 @@ impl LossMonitor {
 
     /// Every number of the state, in a fixed order, for traces.
     pub fn visit(&self, mut f: impl FnMut(f32)) {
-        f(self.expected);
-        f(self.found);
+        f(self.doubt_nat);
     }
 }
 
@@ -48,18 +91,59 @@ impl LossMonitor {
 mod tests {
     use super::*;
 
+    const CLUTTER: Clutter = Clutter { false_alarms_per_m: 1.0 / 30.0, all_per_m: 2.0 / 30.0 };
+
+    fn expectation(range_m: f32) -> Expectation {
+        Expectation { range_m, variance_m2: 0.0064, existence: 1.0, detection: 0.95 }
+    }
+
+    fn evidence(ranges_m: &[f32], expected_m: &[f32]) -> f32 {
+        let measurements: std::vec::Vec<_> = ranges_m
+            .iter()
+            .map(|&range_m| Measurement { range_m, variance_m2: 0.0036, sinr: 0.0, energy: 0.0 })
+            .collect();
+        let features: std::vec::Vec<_> = expected_m.iter().map(|&range_m| expectation(range_m)).collect();
+        evidence_nat(&measurements, &features[0], features[1..].iter(), &CLUTTER)
+    }
+
     #[test]
-    fn a_tag_that_is_heard_as_expected_is_not_lost_and_one_that_is_not_is_within_fifteen_cycles() {
+    fn the_evidence_of_one_range_is_the_closed_form() {
+        // The deviation of the innovation is 0.1 m.
+        let peak = 0.95 / (0.1 * (2.0 * std::f32::consts::PI).sqrt());
+        let cauchy = |off_m: f32| 0.95 / (std::f32::consts::PI * (1.0 + off_m * off_m));
+        let (false_alarms, all) = (1.0 / 30.0, 2.0 / 30.0);
+        let at_the_direct_path = ((all + peak) / (0.5 * (false_alarms + all) + cauchy(0.0))).ln();
+        assert!((evidence(&[4.0], &[4.0]) - at_the_direct_path).abs() < 1e-4);
+        // A metre too short for the direct path: a false alarm here; elsewhere, in a quarter of cases no longer.
+        let shorter = (false_alarms / (false_alarms + 0.25 * (all - false_alarms) + cauchy(1.0))).ln();
+        assert!((evidence(&[3.0], &[4.0]) - shorter).abs() < 1e-4);
+        // Two metres beyond: unmapped in either case.
+        let beyond = (all / (false_alarms + 0.833_333_3 * (all - false_alarms) + cauchy(2.0))).ln();
+        assert!((evidence(&[6.0], &[4.0]) - beyond).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_tag_heard_where_it_is_expected_is_not_lost_and_one_a_metre_off_is_within_ten_cycles() {
+        let expected_m = [3.0, 4.5, 6.1, 7.2];
         let mut monitor = LossMonitor::default();
-        assert!(!monitor.is_lost());
         for _ in 0..100 {
-            monitor.observe(5.7, 4.0);
-            assert!(!monitor.is_lost());
+            monitor.observe(evidence(&[3.05, 4.4, 7.3, 11.0], &expected_m));
+            assert!(!monitor.is_doubtful());
         }
         let cycles = (1..).find(|_| {
-            monitor.observe(5.7, 0.3);
+            monitor.observe(evidence(&[2.2, 5.3, 5.3, 8.0, 11.0], &expected_m));
             monitor.is_lost()
         });
-        assert!(cycles.is_some_and(|cycles| cycles <= 15), "{cycles:?}");
+        assert!(cycles.is_some_and(|cycles| (2..=10).contains(&cycles)), "{cycles:?}");
+    }
+
+    #[test]
+    fn a_radio_that_hears_nothing_or_only_the_direct_path_is_not_lost() {
+        let mut monitor = LossMonitor::default();
+        for _ in 0..1000 {
+            monitor.observe(evidence(&[], &[3.0, 4.5, 6.1, 7.2]));
+            monitor.observe(evidence(&[3.05], &[3.0, 4.5, 6.1, 7.2]));
+            assert!(!monitor.is_doubtful());
+        }
     }
 }

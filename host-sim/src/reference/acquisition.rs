@@ -35,7 +35,6 @@ const ARC_STD: f32 = 0.06;
 const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
 /// Ranges per anchor that are tried as the direct path, and in how many scans.
 const EARLIEST: usize = 4;
-const PROPOSALS: u16 = 3;
 /// Most places that one place becomes in a cycle.
 const BRANCHES: usize = 8;
 /// Gate, as a normalised squared innovation.
@@ -125,7 +124,7 @@ struct Shift<T> {
 pub struct Acquisition<T> {
     prior: Agent<T>,
     places: Vec<Place<T>>,
-    /// Cycles with measurements.
+    /// Cycles with measurements since places were proposed.
     scans: u16,
     /// Logarithm of the weight of a place that is proposed now.
     newcomer_ln: T,
@@ -135,6 +134,11 @@ impl<T: Real> Acquisition<T> {
     /// Around the prior.
     pub fn new(prior: Agent<T>) -> Self {
         Self { prior, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO }
+    }
+
+    /// A place as probable as all others.
+    pub fn suggest(&mut self, agent: Agent<T>) {
+        self.offer(vec![Place { agent, weight_ln: T::ZERO }]);
     }
 
     /// Number of places.
@@ -172,17 +176,21 @@ impl<T: Real> Acquisition<T> {
             return false;
         }
         self.scans = self.scans.saturating_add(1);
+        let newcomers_matter = self.newcomer_ln > ln(T::of(LIGHTEST));
         for place in std::mem::take(&mut self.places) {
             self.offer(place.hear(sweeps, None));
         }
-        if self.scans <= PROPOSALS {
+        if newcomers_matter {
+            self.scans = 0;
             for s in 0..sweeps.len() {
                 self.propose(sweeps, s);
             }
         }
         // A place that comes later was heard by nobody up to here.
         for sweep in sweeps {
-            self.newcomer_ln += ln(larger(T::ONE - sweep.direct.detection, T::of(LEAST_MISSED)));
+            for landmark in [&sweep.direct].into_iter().chain(&sweep.reflections) {
+                self.newcomer_ln += ln(larger(T::ONE - landmark.detection, T::of(LEAST_MISSED)));
+            }
         }
         self.thin();
         if self.places.is_empty() {
@@ -284,8 +292,9 @@ impl<T: Real> Acquisition<T> {
             }
         }
         mirror(&mut agent.covariance);
-        // The arcs of a circle are the denser, the smaller it is.
-        let weight_ln = self.newcomer_ln + ln(radius_m) - num(0.5) * (form + ln(determinant));
+        // The prior's density there times the arc's share of the circle, over 2 pi times the radius.
+        let share = num(1.0 / DIRECTIONS as f32);
+        let weight_ln = self.newcomer_ln + ln(radius_m * share) - num(0.5) * (form + ln(determinant));
         Some(Place { agent, weight_ln })
     }
 
@@ -419,8 +428,9 @@ impl<T: Real> Place<T> {
             if !chosen {
                 continue;
             }
-            let peak = if given.is_some() { T::ONE } else { exp(num(-0.5) * nis) };
-            let density = peak / sqrt(tau::<T>() * variance);
+            // The arc's weight is the integral over the range it comes from.
+            let density =
+                if given.is_some() { T::ONE } else { exp(num(-0.5) * nis) / sqrt(tau::<T>() * variance) };
             let shorter = sweep.shorter_cost(measurement.range_m, noise_m2);
             let factor = detection * density * shorter / sweep.all_per_m;
             let mut heard = self.clone();

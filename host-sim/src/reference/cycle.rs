@@ -11,7 +11,7 @@ use super::controller::{
 use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::information::position_entropy_nat;
-use super::loss::LossMonitor;
+use super::loss::{LossMonitor, evidence_nat};
 use super::pulse::Pulse;
 use super::real::{Real, abs, larger, limited, speed_of_light, square};
 use super::state_filter::{Agent, Innovation, PX, PY, Prior, Regression, Sight, StateFilter, VX, VY};
@@ -72,6 +72,8 @@ pub struct AssociatedScan<T> {
     pub claims: Claims<T>,
     /// Per feature, the beliefs.
     pub beliefs: Beliefs<T>,
+    /// Evidence that the tag is where it is believed to be, nats.
+    pub evidence_nat: T,
 }
 
 /// What a cycle did; see the core's report.
@@ -226,6 +228,9 @@ impl<T: Real> Reference<T> {
         let heard: Vec<_> = scans.into_iter().map(|scan| self.associate(scan, &heights)).collect();
 
         let mut report = self.blank_report();
+        if self.acquisition.is_none() {
+            report.lost = self.watch(&heard);
+        }
         report.acquiring = self.acquisition.is_some();
         if !report.acquiring {
             let before = self.filter.agent();
@@ -236,9 +241,10 @@ impl<T: Real> Reference<T> {
             self.filter.update(&innovations);
             self.discovery.follow(&before, &self.filter.agent());
             self.remember(&heard, &mut report);
-            self.watch(&heard, &mut report);
             report.nis = normalised_innovation(&heard);
-            self.discover(&heard, &heights, &mut report);
+            if !self.loss.is_doubtful() {
+                self.discover(&heard, &heights, &mut report);
+            }
         }
         // The action received with earns the reward.
         for associated in &heard {
@@ -392,7 +398,6 @@ impl<T: Real> Reference<T> {
 
     /// A scan with its anchor and its virtual anchors.
     fn sweep(&self, scan: &Scan<T>, heights: &[T]) -> Sweep<T> {
-        let told = T::of(self.config.association.detection_probability);
         let sight = self.sight(scan.anchor, heights);
         let height_m = sight.height_m;
         let mut reflections = Vec::new();
@@ -402,7 +407,8 @@ impl<T: Real> Reference<T> {
                     position_m: self.filter.virtual_anchor_m(slot),
                     covariance_m2: self.filter.virtual_anchor_covariance_m2(slot),
                     height_m,
-                    detection: record.existence * told,
+                    detection: record.existence
+                        * self.detection(Source::Virtual { anchor: scan.anchor, slot }, scan),
                 });
             }
         }
@@ -413,7 +419,7 @@ impl<T: Real> Reference<T> {
                 position_m: sight.anchor_m,
                 covariance_m2: [[T::ZERO; 2]; 2],
                 height_m,
-                detection: told,
+                detection: self.detection(Source::Direct { anchor: scan.anchor }, scan),
             },
             reflections,
             bias_m: self.filter.bias_m(scan.anchor),
@@ -470,7 +476,8 @@ impl<T: Real> Reference<T> {
         if settings.mode == Mode::Map {
             beliefs.harden();
         }
-        AssociatedScan { scan, regressions, claims, beliefs }
+        let evidence_nat = evidence_nat(&scan.measurements, &expectations, &clutter);
+        AssociatedScan { scan, regressions, claims, beliefs, evidence_nat }
     }
 
     /// Probability that the path of an existing source is found in a scan; in frames it is a matter of SINR.
@@ -511,7 +518,9 @@ impl<T: Real> Reference<T> {
     fn remember(&mut self, heard: &[AssociatedScan<T>], report: &mut Report<T>) {
         self.channel.age();
         for AssociatedScan { scan, regressions, beliefs, .. } in heard {
-            for k in 0..regressions.len() {
+            // From a doubtful place, what is missing may well be there.
+            let judged = if self.loss.is_doubtful() { 0 } else { regressions.len() };
+            for k in 0..judged {
                 let source = regressions[k].source;
                 let belief = &beliefs.features[k];
                 if let Source::Virtual { slot, .. } = source {
@@ -563,41 +572,33 @@ impl<T: Real> Reference<T> {
         self.acquisition = Some(Acquisition::new(prior));
     }
 
-    /// Far fewer paths than expected: the tag is elsewhere.
-    fn watch(&mut self, heard: &[AssociatedScan<T>], report: &mut Report<T>) {
-        let (mut expected, mut found) = (T::ZERO, T::ZERO);
-        for AssociatedScan { scan, regressions, beliefs, .. } in heard {
-            for k in 0..regressions.len() {
-                let source = regressions[k].source;
-                let existence = match source {
-                    Source::Direct { .. } => T::ONE,
-                    Source::Virtual { slot, .. } => {
-                        self.environment.records[slot].map_or(T::ZERO, |record| record.existence)
-                    }
-                };
-                expected += existence * self.detection(source, scan);
-                found += T::ONE - beliefs.features[k].missed;
+    /// Adds up the evidence; true where the tag must be elsewhere.
+    fn watch(&mut self, heard: &[AssociatedScan<T>]) -> bool {
+        let mut evidence_nat = T::ZERO;
+        for associated in heard {
+            evidence_nat += associated.evidence_nat;
+        }
+        self.loss.observe(evidence_nat);
+        if !self.loss.is_lost() {
+            return false;
+        }
+        let believed = self.filter.agent();
+        let mut prior = believed.clone();
+        let reach = T::of(self.config.motion.position_std_limit_m);
+        let speed = T::of(self.config.start.velocity_std_m_s);
+        for i in 0..4 {
+            for j in 0..4 {
+                prior.covariance[i][j] = T::ZERO;
             }
+            prior.covariance[i][i] = if i == PX || i == PY { square(reach) } else { square(speed) };
         }
-        if heard.is_empty() {
-            return;
+        prior.mean[VX] = T::ZERO;
+        prior.mean[VY] = T::ZERO;
+        self.lose(prior);
+        if let Some(acquisition) = &mut self.acquisition {
+            acquisition.suggest(believed);
         }
-        self.loss.observe(expected, found);
-        if self.loss.is_lost() {
-            report.lost = true;
-            let mut prior = self.filter.agent();
-            let reach = T::of(self.config.motion.position_std_limit_m);
-            let speed = T::of(self.config.start.velocity_std_m_s);
-            for i in 0..4 {
-                for j in 0..4 {
-                    prior.covariance[i][j] = T::ZERO;
-                }
-                prior.covariance[i][i] = if i == PX || i == PY { square(reach) } else { square(speed) };
-            }
-            prior.mean[VX] = T::ZERO;
-            prior.mean[VY] = T::ZERO;
-            self.lose(prior);
-        }
+        true
     }
 
     /// Of two virtual anchors of an anchor that are one, the younger goes.
@@ -642,7 +643,7 @@ impl<T: Real> Reference<T> {
         if !self.config.discovery {
             return;
         }
-        for AssociatedScan { scan, claims, beliefs, regressions } in heard {
+        for AssociatedScan { scan, claims, beliefs, regressions, .. } in heard {
             let sight = self.sight(scan.anchor, heights);
             let viewpoint = self.viewpoint(scan.anchor, &sight);
             let background = self.background(scan.anchor);

@@ -1,36 +1,75 @@
-//! Whether the tag is where the filter believes it to be: detections expected and found, with forgetting.
+//! Whether the tag is where the filter believes it to be: evidence of the measurements, scan by scan.
 
-use super::real::Real;
+use super::association::{Clutter, Expectation, Measurement};
+use super::real::{Real, abs, exp, larger, ln, sqrt, square, tau};
 
-const FORGETTING: f32 = 0.9;
-const ENOUGH: f32 = 3.0;
-const LEAST_SHARE: f32 = 0.3;
+/// Spread of the paths of a tag that is elsewhere, metres.
+const ELSEWHERE_M: f32 = 1.0;
+const GATE2: f32 = 16.0;
+const DOUBTFUL_NAT: f32 = 3.0;
+const LOST_NAT: f32 = 15.0;
 const WIDEST_M2: f32 = 2.0;
 
-/// The two counts.
+/// What speaks against the place.
 #[derive(Clone, Copy, Debug)]
 pub struct LossMonitor<T> {
-    /// Detections expected.
-    pub expected: T,
-    /// Detections found.
-    pub found: T,
+    /// Evidence against it that no evidence for it has made up for, nats.
+    pub doubt_nat: T,
+}
+
+/// ln p(measurements | here) - ln p(measurements | elsewhere), given how many there are. `expectations`: the direct path
+/// first.
+pub fn evidence_nat<T: Real>(
+    measurements: &[Measurement<T>],
+    expectations: &[Expectation<T>],
+    clutter: &Clutter<T>,
+) -> T {
+    let half = T::of(0.5);
+    let spread = T::of(ELSEWHERE_M);
+    let Clutter { false_alarms_per_m, all_per_m } = *clutter;
+    let direct = &expectations[0];
+    let mut evidence = T::ZERO;
+    for z in measurements {
+        // Before the direct path there are false alarms only. A tag elsewhere may be nearer.
+        let ahead = direct.range_m - z.range_m;
+        let clearly = T::of(2.0) * sqrt(direct.variance_m2 + z.variance_m2);
+        let nearer = half - half * ahead / (spread + abs(ahead));
+        let mut here = if ahead > clearly { false_alarms_per_m } else { all_per_m };
+        let mut elsewhere = false_alarms_per_m + (all_per_m - false_alarms_per_m) * nearer;
+        for feature in expectations {
+            let shown = feature.existence * feature.detection;
+            let squared = square(z.range_m - feature.range_m);
+            let variance = feature.variance_m2 + z.variance_m2;
+            if squared < T::of(GATE2) * variance {
+                here += shown * exp(T::of(-0.5) * (squared / variance)) / sqrt(tau::<T>() * variance);
+            }
+            // Cauchy.
+            elsewhere += shown * (T::of(2.0) * spread / tau::<T>()) / (square(spread) + squared);
+        }
+        evidence += ln(here / elsewhere);
+    }
+    evidence
 }
 
 impl<T: Real> LossMonitor<T> {
-    /// Nothing counted yet.
+    /// No doubt yet.
     pub fn new() -> Self {
-        Self { expected: T::ZERO, found: T::ZERO }
+        Self { doubt_nat: T::ZERO }
     }
 
     /// Enters a cycle.
-    pub fn observe(&mut self, expected: T, found: T) {
-        self.expected = T::of(FORGETTING) * self.expected + expected;
-        self.found = T::of(FORGETTING) * self.found + found;
+    pub fn observe(&mut self, evidence_nat: T) {
+        self.doubt_nat = larger(self.doubt_nat - evidence_nat, T::ZERO);
     }
 
-    /// Far less found than expected.
+    /// The map must not be judged from here.
+    pub fn is_doubtful(&self) -> bool {
+        self.doubt_nat > T::of(DOUBTFUL_NAT)
+    }
+
+    /// The tag is elsewhere.
     pub fn is_lost(&self) -> bool {
-        self.expected > T::of(ENOUGH) && self.found < T::of(LEAST_SHARE) * self.expected
+        self.doubt_nat > T::of(LOST_NAT)
     }
 
     /// Too uncertain for one Gaussian.
