@@ -81,7 +81,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     channel: ChannelMemory<ANCHORS, VAS, ACTIONS>,
     discovery: Discovery<ANCHORS>,
     /// While it is not known where the tag is.
-    acquisition: Option<Acquisition>,
+    acquisition: Option<Acquisition<ANCHORS>>,
     loss: LossMonitor,
     controller: Controller<ACTIONS>,
     /// Mean number of measurements per scan that belong to nothing known.
@@ -451,13 +451,27 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let per_m = 1.0 / config.ranging.max_range_m;
         let settings = &config.association;
         let known = &*filter;
-        let sweeps = scans.iter().map(|scan| {
+        let mut backgrounds: Vec<[f32; PATHS], ANCHORS> = Vec::new();
+        for scan in scans {
+            let all_per_m = unexplained.get(scan.anchor).copied().unwrap_or(1.0) * per_m;
+            let false_share = settings.clutter_per_anchor * per_m / all_per_m;
+            let unmapped = (1.0 - false_share) * settings.detection_probability;
+            // As many as scans: the push succeeds.
+            let _ = backgrounds.push(acquiring.backgrounds(
+                scan.anchor,
+                &scan.measurements,
+                all_per_m,
+                unmapped,
+                elapsed_s,
+            ));
+        }
+        let sweeps = scans.iter().zip(&backgrounds).map(|(scan, all_per_m)| {
             let (bias_m, bias_variance_m2) = known.bias_m(scan.anchor).unwrap_or((0.0, 0.0));
             let sweep = Sweep {
                 measurements: &scan.measurements,
                 bias_m,
                 bias_variance_m2,
-                all_per_m: unexplained.get(scan.anchor).copied().unwrap_or(1.0) * per_m,
+                all_per_m,
                 false_alarms_per_m: settings.clutter_per_anchor * per_m,
             };
             (scan.anchor, sweep)
@@ -886,7 +900,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// The places the tag may be at, while it is not known.
-    pub fn acquisition(&self) -> Option<&Acquisition> {
+    pub fn acquisition(&self) -> Option<&Acquisition<ANCHORS>> {
         self.acquisition.as_ref()
     }
 

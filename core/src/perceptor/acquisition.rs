@@ -29,6 +29,10 @@ const ARC_STD: f32 = 0.06;
 const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
 /// Ranges per anchor, the shortest first, that are tried as the direct path.
 const EARLIEST: usize = 4;
+/// Ranges per anchor that are remembered from one scan to the next.
+const EARLIER: usize = 8;
+/// Scans back that are remembered.
+const SCANS: usize = 2;
 /// Branches of one place in one cycle.
 const BRANCHES: usize = 8;
 /// Gate, squared standard deviations.
@@ -69,8 +73,8 @@ pub struct Sweep<'a> {
     pub bias_m: f32,
     /// Its variance, square metres.
     pub bias_variance_m2: f32,
-    /// Intensity of measurements that belong to no landmark, per metre.
-    pub all_per_m: f32,
+    /// Intensity at each range of measurements that belong to no landmark, per metre; see [`Acquisition::backgrounds`].
+    pub all_per_m: &'a [f32],
     /// Of these, false alarms.
     pub false_alarms_per_m: f32,
 }
@@ -85,19 +89,27 @@ struct Place {
 
 /// The mixture.
 #[derive(Clone, Debug)]
-pub struct Acquisition {
+pub struct Acquisition<const ANCHORS: usize> {
     prior: Agent,
     places: Vec<Place, PLACES>,
     /// Cycles with measurements since places were last proposed.
     scans: u16,
     /// Logarithm of the weight that a place proposed now starts with: in the scans before, it was heard by none.
     newcomer_ln: f32,
+    /// The shortest ranges of each anchor's last scan, metres; 0 for none.
+    earlier_m: [[[f32; EARLIER]; SCANS]; ANCHORS],
 }
 
-impl Acquisition {
+impl<const ANCHORS: usize> Acquisition<ANCHORS> {
     /// Nothing heard yet; the tag is somewhere around the prior.
     pub fn new(prior: Agent) -> Self {
-        Self { prior, places: Vec::new(), scans: 0, newcomer_ln: 0.0 }
+        Self {
+            prior,
+            places: Vec::new(),
+            scans: 0,
+            newcomer_ln: 0.0,
+            earlier_m: [[[0.0; EARLIER]; SCANS]; ANCHORS],
+        }
     }
 
     /// A place that is as probable as all others together, before anything is heard.
@@ -122,6 +134,58 @@ impl Acquisition {
                 [c.m22 * (y * y), c.m32 * y, c.m42 * y],
                 [c.m33, c.m43, c.m44],
             );
+        }
+    }
+
+    /// Intensities, per metre, of what belongs to no landmark at each range of a scan: `all_per_m`, and more where the scan before
+    /// had a range too, because a virtual anchor that is not mapped yet stays where it is. `unmapped` is the share of
+    /// `all_per_m` that is not false alarms, times their detection probability.
+    pub fn backgrounds<const PATHS: usize>(
+        &self,
+        anchor: usize,
+        measurements: &Vec<Measurement, PATHS>,
+        all_per_m: f32,
+        unmapped: f32,
+        elapsed_s: f32,
+    ) -> [f32; PATHS] {
+        let c = &self.prior.covariance;
+        let moved_m2 = (elapsed_s * elapsed_s) * (c.m33 + c.m44);
+        let mut backgrounds = [all_per_m; PATHS];
+        for (background, measurement) in backgrounds.iter_mut().zip(measurements) {
+            let mut most = 0.0;
+            let mut variance = 2.0 * measurement.variance_m2;
+            for scan in self.earlier_m.get(anchor).into_iter().flatten() {
+                variance += moved_m2;
+                let mut density = 0.0;
+                for earlier_m in scan {
+                    let apart = measurement.range_m - earlier_m;
+                    let nis = apart * apart / variance;
+                    if nis < GATE2 && *earlier_m > 0.0 {
+                        density += exp(-0.5 * nis) / sqrt(TAU * variance);
+                    }
+                }
+                most = larger(most, density);
+            }
+            *background += unmapped * most;
+        }
+        backgrounds
+    }
+
+    /// Remembers the shortest ranges of a scan for the next.
+    fn remember(&mut self, anchor: usize, measurements: &[Measurement]) {
+        let Some(earlier_m) = self.earlier_m.get_mut(anchor) else { return };
+        let [last, before] = earlier_m;
+        *before = *last;
+        let mut after = 0.0;
+        for range_m in last {
+            let mut next = f32::INFINITY;
+            for measurement in measurements {
+                if measurement.range_m > after && measurement.range_m < next {
+                    next = measurement.range_m;
+                }
+            }
+            *range_m = if next < f32::INFINITY { next } else { 0.0 };
+            after = next;
         }
     }
 
@@ -150,7 +214,8 @@ impl Acquisition {
                 self.propose(anchor, &sweep, sweeps.clone(), &landmarks);
             }
         }
-        for (anchor, _) in sweeps {
+        for (anchor, sweep) in sweeps {
+            self.remember(anchor, sweep.measurements);
             for landmark in landmarks(anchor) {
                 self.newcomer_ln += ln(larger(1.0 - landmark.detection, 1e-6));
             }
@@ -345,6 +410,7 @@ impl Acquisition {
             agent.covariance.iter().for_each(|v| f(*v));
         }
         self.places.iter().for_each(|place| f(place.weight_ln));
+        self.earlier_m.iter().flatten().flatten().for_each(|range_m| f(*range_m));
     }
 }
 
@@ -390,7 +456,7 @@ impl Place {
             missed.weigh_reflections(sweep, landmarks.clone().skip(1), None);
             keep_heaviest(grown, missed);
         }
-        for (index, measurement) in sweep.measurements.iter().enumerate() {
+        for (index, (measurement, all_per_m)) in sweep.measurements.iter().zip(sweep.all_per_m).enumerate() {
             if given.is_some_and(|range_m| range_m != measurement.range_m) {
                 continue;
             }
@@ -405,7 +471,7 @@ impl Place {
             let shorter = sweep.shorter_cost(measurement.range_m, own);
             // Of the range that put the place where it is, the arc's weight is the integral.
             let density = if given.is_some() { 1.0 } else { exp(-0.5 * nis) / sqrt(TAU * variance) };
-            heard.weight_ln += ln(larger(direct.detection * density * shorter / sweep.all_per_m, 1e-12));
+            heard.weight_ln += ln(larger(direct.detection * density * shorter / all_per_m, 1e-12));
             if given.is_none() {
                 heard.correct(&line, explained, own, [1.0, innovation, innovation * innovation]);
             }
@@ -444,7 +510,8 @@ impl Place {
             let (line, explained) = self.regress(&landmark);
             let [mut weight, mut first, mut second, mut noise] = [0.0; 4];
             let mut shares = [0.0_f32; 32];
-            for ((measurement, left), share) in sweep.measurements.iter().zip(&left).zip(&mut shares) {
+            let rows = sweep.measurements.iter().zip(sweep.all_per_m).zip(&left).zip(&mut shares);
+            for (((measurement, all_per_m), left), share) in rows {
                 let own = measurement.variance_m2 + sweep.bias_variance_m2;
                 let innovation = measurement.range_m - sweep.bias_m - line.range_m;
                 let variance = explained + own;
@@ -453,7 +520,7 @@ impl Place {
                     continue;
                 }
                 let density = landmark.detection * exp(-0.5 * nis) / sqrt(TAU * variance);
-                let p = *left * density / sweep.all_per_m;
+                let p = *left * density / all_per_m;
                 *share = p;
                 weight += p;
                 first += p * innovation;
@@ -550,11 +617,10 @@ impl Sweep<'_> {
     /// First-arrival rule: what is clearly shorter than the direct path is a false alarm, whether the direct path itself
     /// is heard or not. The probability of that, relative to paths of unmapped virtual anchors.
     fn shorter_cost(&self, direct_m: f32, variance_m2: f32) -> f32 {
-        let cost = self.false_alarms_per_m / self.all_per_m;
         let mut factor = 1.0;
-        for other in self.measurements {
+        for (other, all_per_m) in self.measurements.iter().zip(self.all_per_m) {
             if other.range_m < direct_m - 2.0 * sqrt(variance_m2 + other.variance_m2) {
-                factor *= cost;
+                factor *= self.false_alarms_per_m / all_per_m;
             }
         }
         factor
@@ -593,9 +659,9 @@ mod tests {
 
     /// An acquisition from a prior of `std_m` at the origin, after `scans` scans of exact ranges of `deviation_m` to a tag
     /// at rest at (7, 4); all lengths of the room times `size`.
-    fn acquired(size: f32, std_m: f32, deviation_m: f32, scans: usize) -> Acquisition {
+    fn acquired(size: f32, std_m: f32, deviation_m: f32, scans: usize) -> Acquisition<3> {
         let prior = StateFilter::<1, 1>::new(motion(), [0.0, 0.0], std_m, 0.1, 0.0, 0.0).agent();
-        let mut acquisition = Acquisition::new(prior);
+        let mut acquisition = Acquisition::<3>::new(prior);
         let ranges = ANCHORS.map(|[x, y]| {
             let range_m = size * (7.0 - x).hypot(4.0 - y);
             [Measurement { range_m, variance_m2: deviation_m * deviation_m, sinr: 0.0, energy: 0.0 }]
@@ -607,7 +673,7 @@ mod tests {
                     measurements,
                     bias_m: 0.0,
                     bias_variance_m2: 0.0,
-                    all_per_m: 0.2,
+                    all_per_m: &[0.2],
                     false_alarms_per_m: 0.03,
                 };
                 (anchor, sweep)
@@ -674,7 +740,7 @@ mod tests {
             measurements: &[Measurement { range_m: 8.0, variance_m2: 1e-4, sinr: 0.0, energy: 0.0 }],
             bias_m: 0.0,
             bias_variance_m2: 0.0,
-            all_per_m: 0.2,
+            all_per_m: &[0.2],
             false_alarms_per_m: 0.03,
         };
         let landmark =

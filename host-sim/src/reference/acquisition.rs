@@ -18,6 +18,7 @@ use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
 use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, predict_agent, regress_distance};
 use super::{Matrix, zeros};
 use cogmint_core::perceptor::state_filter::Motion;
+use std::cmp::Ordering;
 use std::fmt;
 
 /// Gate of arcs against the prior, squared standard deviations.
@@ -35,6 +36,8 @@ const ARC_STD: f32 = 0.06;
 const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
 /// Ranges per anchor that are tried as the direct path, and in how many scans.
 const EARLIEST: usize = 4;
+/// Ranges remembered per scan.
+const EARLIER: usize = 8;
 /// Most places that one place becomes in a cycle.
 const BRANCHES: usize = 8;
 /// Gate, as a normalised squared innovation.
@@ -75,6 +78,8 @@ pub struct Landmark<T> {
 /// What one anchor delivered, and what it may be.
 #[derive(Clone, Debug)]
 pub struct Sweep<T> {
+    /// Index of the anchor.
+    pub anchor: usize,
     /// The ranges.
     pub measurements: Vec<Measurement<T>>,
     /// The anchor.
@@ -85,8 +90,8 @@ pub struct Sweep<T> {
     pub bias_m: T,
     /// Its variance, square metres.
     pub bias_variance_m2: T,
-    /// Intensity of measurements of unknown origin, per metre.
-    pub all_per_m: T,
+    /// Intensity of measurements of unknown origin at each range, per metre.
+    pub all_per_m: Vec<T>,
     /// That of false alarms among them.
     pub false_alarms_per_m: T,
 }
@@ -128,12 +133,46 @@ pub struct Acquisition<T> {
     scans: u16,
     /// Logarithm of the weight of a place that is proposed now.
     newcomer_ln: T,
+    /// Of every anchor, the shortest ranges of its last scan and of that before, metres.
+    earlier_m: Vec<[Vec<T>; 2]>,
 }
 
 impl<T: Real> Acquisition<T> {
-    /// Around the prior.
-    pub fn new(prior: Agent<T>) -> Self {
-        Self { prior, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO }
+    /// Around the prior, for so many anchors.
+    pub fn new(prior: Agent<T>, anchors: usize) -> Self {
+        let earlier_m = vec![[Vec::new(), Vec::new()]; anchors];
+        Self { prior, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO, earlier_m }
+    }
+
+    /// Intensity of what belongs to no landmark at each range of a scan of `anchor`, per metre: the larger, the nearer the range
+    /// lies to those of the last two scans. `unmapped`: probability that such a range is no false alarm and is heard again.
+    pub fn backgrounds(
+        &self,
+        anchor: usize,
+        measurements: &[Measurement<T>],
+        all_per_m: T,
+        unmapped: T,
+        dt: T,
+    ) -> Vec<T> {
+        let moved_m2 = square(dt) * (self.prior.covariance[VX][VX] + self.prior.covariance[VY][VY]);
+        let mut backgrounds = Vec::new();
+        for z in measurements {
+            let mut variance = T::of(2.0) * z.variance_m2;
+            let mut most = T::ZERO;
+            for scan in &self.earlier_m[anchor] {
+                variance += moved_m2;
+                let mut density = T::ZERO;
+                for earlier_m in scan {
+                    let nis = square(z.range_m - *earlier_m) / variance;
+                    if nis < T::of(GATE2) {
+                        density += exp(T::of(-0.5) * nis) / sqrt(tau::<T>() * variance);
+                    }
+                }
+                most = larger(most, density);
+            }
+            backgrounds.push(all_per_m + unmapped * most);
+        }
+        backgrounds
     }
 
     /// A place as probable as all others.
@@ -188,6 +227,7 @@ impl<T: Real> Acquisition<T> {
         }
         // A place that comes later was heard by nobody up to here.
         for sweep in sweeps {
+            self.remember(sweep);
             for landmark in [&sweep.direct].into_iter().chain(&sweep.reflections) {
                 self.newcomer_ln += ln(larger(T::ONE - landmark.detection, T::of(LEAST_MISSED)));
             }
@@ -205,9 +245,20 @@ impl<T: Real> Acquisition<T> {
                     prior.covariance[v][p] = T::ZERO;
                 }
             }
-            *self = Self::new(prior);
+            *self = Self::new(prior, self.earlier_m.len());
         }
         true
+    }
+
+    /// Keeps a scan's shortest ranges for the next two.
+    fn remember(&mut self, sweep: &Sweep<T>) {
+        let mut ranges_m: Vec<T> = sweep.measurements.iter().map(|z| z.range_m).collect();
+        ranges_m.sort_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+        // Equal ranges count once.
+        ranges_m.dedup();
+        ranges_m.truncate(EARLIER);
+        let [last, before] = &mut self.earlier_m[sweep.anchor];
+        *before = std::mem::replace(last, ranges_m);
     }
 
     /// The places at which an early range of sweep `s` would be its direct path.
@@ -383,6 +434,14 @@ impl<T: Real> Acquisition<T> {
         for n in 0..self.places.len() {
             f(format_args!("weight of place {n}"), self.places[n].weight_ln);
         }
+        for (anchor, scans) in self.earlier_m.iter().enumerate() {
+            for (back, scan) in scans.iter().enumerate() {
+                for n in 0..EARLIER {
+                    let earlier_m = scan.get(n).copied().unwrap_or(T::ZERO);
+                    f(format_args!("range {n} of anchor {anchor}, {} scans ago", back + 1), earlier_m);
+                }
+            }
+        }
     }
 }
 
@@ -432,7 +491,7 @@ impl<T: Real> Place<T> {
             let density =
                 if given.is_some() { T::ONE } else { exp(num(-0.5) * nis) / sqrt(tau::<T>() * variance) };
             let shorter = sweep.shorter_cost(measurement.range_m, noise_m2);
-            let factor = detection * density * shorter / sweep.all_per_m;
+            let factor = detection * density * shorter / sweep.all_per_m[m];
             let mut heard = self.clone();
             heard.weight_ln += ln(larger(factor, num(LEAST_FACTOR)));
             if given.is_none() {
@@ -474,7 +533,7 @@ impl<T: Real> Place<T> {
                 let nis = square(innovation) / variance;
                 if nis < num(GATE2) {
                     let density = landmark.detection * exp(num(-0.5) * nis) / sqrt(tau::<T>() * variance);
-                    let p = left[m] * density / sweep.all_per_m;
+                    let p = left[m] * density / sweep.all_per_m[m];
                     shares[m] = p;
                     weight += p;
                     first += p * innovation;
@@ -560,11 +619,10 @@ impl<T: Real> Place<T> {
 impl<T: Real> Sweep<T> {
     /// First-arrival rule: what is more than two deviations shorter than the direct path must be a false alarm.
     fn shorter_cost(&self, direct_m: T, variance_m2: T) -> T {
-        let cost = self.false_alarms_per_m / self.all_per_m;
         let mut factor = T::ONE;
-        for other in &self.measurements {
+        for (other, all_per_m) in self.measurements.iter().zip(&self.all_per_m) {
             if other.range_m < direct_m - T::of(2.0) * sqrt(variance_m2 + other.variance_m2) {
-                factor *= cost;
+                factor *= self.false_alarms_per_m / *all_per_m;
             }
         }
         factor

@@ -166,7 +166,7 @@ impl<T: Real> Reference<T> {
             bias_std_m: config.ranging.bias_std_m,
         };
         let mut filter = StateFilter::new(capacity.anchors, capacity.virtual_anchors, config.motion, &prior);
-        let acquisition = Some(Acquisition::new(filter.agent()));
+        let acquisition = Some(Acquisition::new(filter.agent(), capacity.anchors));
         let mut environment = EnvironmentMemory::new(capacity.virtual_anchors);
         for slot in 0..map.len() {
             filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(map[slot].std_m));
@@ -382,7 +382,8 @@ impl<T: Real> Reference<T> {
         // Candidates are relative to a tag that is about to jump.
         self.discovery.clear();
         acquisition.predict(&self.config.motion, elapsed_s);
-        let sweeps: Vec<_> = scans.iter().map(|scan| self.sweep(scan, heights)).collect();
+        let sweeps: Vec<_> =
+            scans.iter().map(|scan| self.sweep(scan, &acquisition, elapsed_s, heights)).collect();
         if !acquisition.observe(&sweeps) {
             self.acquisition = Some(acquisition);
             return;
@@ -397,7 +398,7 @@ impl<T: Real> Reference<T> {
     }
 
     /// A scan with its anchor and its virtual anchors.
-    fn sweep(&self, scan: &Scan<T>, heights: &[T]) -> Sweep<T> {
+    fn sweep(&self, scan: &Scan<T>, acquisition: &Acquisition<T>, dt: T, heights: &[T]) -> Sweep<T> {
         let sight = self.sight(scan.anchor, heights);
         let height_m = sight.height_m;
         let mut reflections = Vec::new();
@@ -413,7 +414,11 @@ impl<T: Real> Reference<T> {
             }
         }
         let background = self.background(scan.anchor);
+        let all_per_m = background.all_per_m;
+        let unmapped =
+            (T::ONE - background.false_alarms_per_m / all_per_m) * background.detection_probability;
         Sweep {
+            anchor: scan.anchor,
             measurements: scan.measurements.clone(),
             direct: Landmark {
                 position_m: sight.anchor_m,
@@ -424,7 +429,7 @@ impl<T: Real> Reference<T> {
             reflections,
             bias_m: self.filter.bias_m(scan.anchor),
             bias_variance_m2: self.filter.bias_variance_m2(scan.anchor),
-            all_per_m: background.all_per_m,
+            all_per_m: acquisition.backgrounds(scan.anchor, &scan.measurements, all_per_m, unmapped, dt),
             false_alarms_per_m: background.false_alarms_per_m,
         }
     }
@@ -569,7 +574,7 @@ impl<T: Real> Reference<T> {
     /// From now on the tag may be anywhere around `prior`.
     fn lose(&mut self, prior: Agent<T>) {
         self.loss = LossMonitor::new();
-        self.acquisition = Some(Acquisition::new(prior));
+        self.acquisition = Some(Acquisition::new(prior, self.capacity.anchors));
     }
 
     /// Adds up the evidence; true where the tag must be elsewhere.
