@@ -131,7 +131,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let mut environment = EnvironmentMemory::default();
         for (slot, mapped) in map.iter().enumerate() {
             mapped.check(slot, anchors.len())?;
-            filter.insert_independent(slot, mapped.position_m, mapped.std_m);
+            let std_m = if config.exact_map { 0.0 } else { mapped.std_m };
+            filter.insert_independent(slot, mapped.position_m, std_m);
             environment.insert(slot, mapped.anchor, 0.9, 0);
         }
         let pulse = Pulse { duration_s: first.pulse_duration_s, shape: config.radio.pulse_shape };

@@ -57,11 +57,23 @@ pub fn track(
     seed: Option<u64>,
     on_cycle: impl FnMut(),
 ) -> Result<Track, InputError> {
-    let setup = Setup::new(recording, file, seed)?;
+    track_setup(&Setup::new(recording, file, seed)?, recording, file, on_cycle)
+}
+
+/// [`track`] with a set-up of one's own.
+///
+/// # Errors
+/// The core refuses the set-up, or the recording's time cannot be followed.
+pub fn track_setup(
+    setup: &Setup,
+    recording: &Recording,
+    file: &Path,
+    on_cycle: impl FnMut(),
+) -> Result<Track, InputError> {
     if setup.anchors.len() <= SMALL_ANCHORS {
-        run::<SMALL_ANCHORS>(&setup, recording, file, on_cycle)
+        run::<SMALL_ANCHORS>(setup, recording, file, on_cycle)
     } else {
-        run::<LARGE_ANCHORS>(&setup, recording, file, on_cycle)
+        run::<LARGE_ANCHORS>(setup, recording, file, on_cycle)
     }
 }
 

@@ -701,6 +701,7 @@ mod tests {
         Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
     };
     use crate::reference::pulse::Pulse;
+    use cogmint_core::Variant;
     use cogmint_core::controller::reward::Reward;
     use cogmint_core::perceptor::association::Mode;
     use cogmint_core::pulse::PulseShape;
@@ -884,6 +885,53 @@ mod tests {
         setup.config.controller.choice.exploration = 0.5;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.action_changes > 10, "{covered:?}");
+    }
+
+    #[test]
+    fn every_variant_is_equal_and_the_conventional_one_never_moves_its_map() {
+        let recording = recording(Kind::Ranges, 400, 0);
+        let folder = Path::new("made");
+        for variant in Variant::ALL {
+            let setup = setup(&recording).with_variant(variant, folder).unwrap();
+            let covered = verified(&setup, &recording).covered;
+            println!("{variant:?}: {covered:?}");
+            let discovers = match variant {
+                Variant::Conventional => Some(false),
+                Variant::Probabilistic => None,
+                Variant::Soft => Some(true),
+            };
+            assert!(
+                discovers.is_none_or(|does| does == (covered.discovered > 0)),
+                "{variant:?}: {covered:?}"
+            );
+
+            let mut tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
+            let told = setup.map.iter().map(|mapped| mapped.position_m);
+            for input in inputs(&recording) {
+                step(&mut tracker, &input, &mut ()).unwrap();
+            }
+            let held = told.enumerate().all(|(slot, [x, y])| {
+                let kept = tracker.filter().virtual_anchor(slot);
+                kept.is_none_or(|(mean, covariance)| [mean.x, mean.y] == [x, y] && covariance.norm() == 0.0)
+            });
+            assert_eq!(held, variant == Variant::Conventional, "{variant:?}");
+        }
+    }
+
+    #[test]
+    fn the_conventional_variant_is_refused_without_a_floor_plan() {
+        let mut recording = recording(Kind::Ranges, 2, 0);
+        recording.virtual_anchors.iter_mut().for_each(|va| va.known = false);
+        for variant in Variant::ALL {
+            let answer = setup(&recording).with_variant(variant, Path::new("made"));
+            match answer {
+                Ok(_) => assert_ne!(variant, Variant::Conventional),
+                Err(error) => {
+                    assert_eq!(variant, Variant::Conventional);
+                    assert_eq!(error.item(), Some("virtual_anchors"));
+                }
+            }
+        }
     }
 
     #[test]

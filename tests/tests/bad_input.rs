@@ -277,6 +277,13 @@ fn anchors_maps_and_libraries_out_of_range_are_refused() {
     assert_eq!(new(&ANCHORS, &[orphan], &LIBRARY_PUBLISHED), Error::UnknownAnchor { anchor: 2 });
     let vague = MappedVirtualAnchor { std_m: f32::NAN, ..image };
     assert_eq!(new(&ANCHORS, &[vague], &LIBRARY_PUBLISHED), Error::Geometry { index: 0 });
+    // A deviation of 0 is known exactly; one far below what single precision tells of a room is a mistake.
+    for std_m in [9e-5, -1e-4, 101.0, f32::INFINITY] {
+        let image = MappedVirtualAnchor { std_m, ..image };
+        assert_eq!(new(&ANCHORS, &[image], &LIBRARY_PUBLISHED), Error::Geometry { index: 0 });
+    }
+    let exact = MappedVirtualAnchor { std_m: 0.0, ..image };
+    assert!(Small::new(config(), &ANCHORS, &[exact], &LIBRARY_PUBLISHED, 1).is_ok());
     assert_eq!(new(&ANCHORS, &[], &[]), Error::Configuration(Setting::LibraryEmpty));
 }
 

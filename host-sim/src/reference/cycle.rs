@@ -167,7 +167,8 @@ impl<T: Real> Reference<T> {
         let acquisition = Some(Acquisition::new(filter.agent()));
         let mut environment = EnvironmentMemory::new(capacity.virtual_anchors);
         for slot in 0..map.len() {
-            filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(map[slot].std_m));
+            let std_m = if config.exact_map { 0.0 } else { map[slot].std_m };
+            filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(std_m));
             environment.insert(slot, map[slot].anchor, T::of(0.9), 0);
         }
         let values = vec![T::ZERO; capacity.actions];
