@@ -146,6 +146,23 @@ fn the_conventional_variant_is_refused_where_there_is_no_floor_plan() {
 }
 
 #[test]
+fn more_ranges_than_the_tracker_keeps_cost_no_cycle() {
+    let folder = Folder::new("long-scans");
+    let mut recording = cogmint::experiment::tracking::slam_ranges::SlamRanges::default().record(1);
+    recording.cycles.truncate(20);
+    let first = recording.cycles[3].ranges[0];
+    let before = recording.cycles[3].ranges.iter().filter(|range| range.anchor == first.anchor).count();
+    recording.cycles[3].ranges.extend(vec![cogmint::recording::Range { range_m: 29.0, ..first }; 20]);
+    recording.write(folder.path().join("r")).unwrap();
+    let outcome = json(&cogmint(folder.path(), &["track", "r", "--json"]));
+    assert_eq!(outcome["refused_cycles"], 0);
+    assert_eq!(outcome["measurements_left_out"], before + 20 - 16);
+    assert!(text(&cogmint(folder.path(), &["track", "r"]).stdout).contains("left out"));
+    let feed = ["trace", "--recording", "r", "--feed", "feed.bin"];
+    refused(&cogmint(folder.path(), &feed), &["more than 16 ranges", "firmware"]);
+}
+
+#[test]
 fn what_nobody_knows_is_not_scored() {
     let folder = Folder::new("track-without-truth");
     let room = cogmint::demo::seminar_room(1, 12).unwrap();

@@ -3,7 +3,7 @@
 use super::{OUTPUT_FOLDER, metres, print, print_json, progress, variants, write_picture};
 use crate::Failure;
 use cogmint::recording::Recording;
-use cogmint::replay::Setup;
+use cogmint::replay::{PATHS, Setup};
 use cogmint::score::Score;
 use cogmint::score::consistency::Consistency;
 use cogmint::score::map::MapScore;
@@ -39,6 +39,7 @@ struct Outcome<'a> {
     virtual_anchors: &'a MapScore,
     #[serde(flatten)]
     consistency: &'a Consistency,
+    measurements_left_out: u64,
     refused_cycles: usize,
     first_refusal: &'a Option<String>,
     virtual_anchors_found: &'a [MappedVirtualAnchor],
@@ -65,6 +66,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             score,
             virtual_anchors: &run.map,
             consistency: &run.consistency,
+            measurements_left_out: run.left_out,
             refused_cycles: run.refused,
             first_refusal: &run.first_refusal,
             virtual_anchors_found: &run.virtual_anchors,
@@ -109,6 +111,12 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     for (anchor, [bias, deviation]) in recording.anchors.iter().zip(&run.bias_m) {
         print(&format!("range bias of {}: {bias:.3} m, deviation {deviation:.3} m", anchor.name));
+    }
+    if run.left_out > 0 {
+        print(&format!(
+            "{} ranges or paths left out: more than {PATHS} of an anchor in a cycle",
+            run.left_out
+        ));
     }
     if let Some(reason) = &run.first_refusal {
         print(&format!("{} cycles refused, the first because {reason}", run.refused));
