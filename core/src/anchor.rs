@@ -21,7 +21,7 @@ pub struct MappedVirtualAnchor {
     pub anchor: usize,
     /// Position, metres.
     pub position_m: [f32; 2],
-    /// Standard deviation per axis, metres (1e-4 to 100).
+    /// Standard deviation per axis, metres (1e-4 to 100); 0 where the position is known exactly: it is then held fixed.
     pub std_m: f32,
 }
 
@@ -41,7 +41,8 @@ impl MappedVirtualAnchor {
             return Err(Error::UnknownAnchor { anchor: self.anchor });
         }
         let [x, y] = self.position_m;
-        let within = abs(x) <= 1e4 && abs(y) <= 1e4 && self.std_m >= 1e-4 && self.std_m <= 100.0;
+        let told = self.std_m == 0.0 || (self.std_m >= 1e-4 && self.std_m <= 100.0);
+        let within = abs(x) <= 1e4 && abs(y) <= 1e4 && told;
         if within { Ok(()) } else { Err(Error::Geometry { index }) }
     }
 }

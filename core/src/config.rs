@@ -91,6 +91,38 @@ pub struct ControllerSettings {
     pub prior_sinr: f32,
 }
 
+/// The variants of multipath-assisted tracking that are told apart in publications (MINT: multipath-assisted indoor
+/// navigation and tracking), for comparison; [`Config::with_variant`] selects one.
+///
+/// All of them remember the SINR and the existence of virtual anchors, so that none relies for long on a wall that is
+/// not there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Variant {
+    /// Conventional MINT: the floor plan is taken for perfect. Its virtual anchors are exactly where they are told to
+    /// be and stay there, none is discovered, and the most probable association is the only one.
+    Conventional,
+    /// Probabilistic MINT: virtual anchors are random variables, told with a deviation or discovered; the most probable
+    /// association is the only one.
+    Probabilistic,
+    /// As `Probabilistic`, but every association counts by its probability. The default.
+    Soft,
+}
+
+impl Variant {
+    /// All of them.
+    pub const ALL: [Variant; 3] = [Variant::Conventional, Variant::Probabilistic, Variant::Soft];
+
+    /// Its name, in one lower-case word.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Variant::Conventional => "conventional",
+            Variant::Probabilistic => "probabilistic",
+            Variant::Soft => "soft",
+        }
+    }
+}
+
 /// The whole configuration of a tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -105,6 +137,9 @@ pub struct Config {
     pub association: AssociationSettings,
     /// Whether unknown virtual anchors are looked for.
     pub discovery: bool,
+    /// Whether every virtual anchor of the map is exactly where it is told to be: the deviations told then count as 0,
+    /// and the virtual anchors are held fixed.
+    pub exact_map: bool,
     /// What frames look like.
     pub radio: Radio,
     /// How the next action is found.
@@ -136,6 +171,7 @@ impl Default for Config {
                 survival_probability: 0.999,
             },
             discovery: true,
+            exact_map: false,
             radio: Radio {
                 pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
                 sample_spacing_s: 0.25e-9,
@@ -157,6 +193,18 @@ impl Default for Config {
 }
 
 impl Config {
+    /// The same configuration for another variant: sets `association.mode`, `discovery` and `exact_map`, nothing else.
+    /// Range biases are independent of it: see [`Ranging::bias_std_m`].
+    #[must_use]
+    pub fn with_variant(mut self, variant: Variant) -> Self {
+        (self.association.mode, self.discovery, self.exact_map) = match variant {
+            Variant::Conventional => (Mode::Map, false, true),
+            Variant::Probabilistic => (Mode::Map, true, false),
+            Variant::Soft => (Mode::Soft, true, false),
+        };
+        self
+    }
+
     /// Checks every value against its range.
     ///
     /// # Errors
@@ -166,7 +214,8 @@ impl Config {
             // Written so that NaN fails.
             if value >= low && value <= high { Ok(()) } else { Err(Error::Configuration(setting)) }
         };
-        let Config { motion, start, ranging, association, discovery: _, radio, controller } = self;
+        let Config { motion, start, ranging, association, discovery: _, exact_map: _, radio, controller } =
+            self;
         within(motion.acceleration_std_m_s2, 1e-6, 100.0, Setting::AccelerationStd)?;
         within(motion.virtual_anchor_walk_m, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
         within(motion.position_std_limit_m, 1.0, 1e4, Setting::PositionLimit)?;

@@ -46,6 +46,34 @@ struct Scan<const PATHS: usize> {
     framed: bool,
     /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
     threshold: f32,
+    /// Ranges and paths that there was no room for.
+    left_out: u32,
+}
+
+impl<const PATHS: usize> Scan<PATHS> {
+    /// Takes a range in; where all places are taken, in the place of the one that tells least, if that is worse: the
+    /// larger variance, then the longer, then the later. The others keep their order.
+    fn take_range(&mut self, measurement: Measurement) {
+        let Err(measurement) = self.measurements.push(measurement) else { return };
+        self.left_out += 1;
+        let is_worse = |a: &Measurement, b: &Measurement| {
+            a.variance_m2 > b.variance_m2 || (a.variance_m2 == b.variance_m2 && a.range_m > b.range_m)
+        };
+        let mut worst: Option<(usize, Measurement)> = None;
+        for (index, kept) in self.measurements.iter().enumerate() {
+            if worst.is_none_or(|(_, worst)| !is_worse(&worst, kept)) {
+                worst = Some((index, *kept));
+            }
+        }
+        let Some((index, worst)) = worst else { return };
+        if is_worse(&worst, &measurement) {
+            // The later ones move up from behind.
+            let mut next = measurement;
+            for place in self.measurements.iter_mut().skip(index).rev() {
+                next = core::mem::replace(place, next);
+            }
+        }
+    }
 }
 
 /// A scan with what it was compared to, and the outcome.
@@ -133,7 +161,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let mut environment = EnvironmentMemory::default();
         for (slot, mapped) in map.iter().enumerate() {
             mapped.check(slot, anchors.len())?;
-            filter.insert_independent(slot, mapped.position_m, mapped.std_m);
+            let std_m = if config.exact_map { 0.0 } else { mapped.std_m };
+            filter.insert_independent(slot, mapped.position_m, std_m);
             environment.insert(slot, mapped.anchor, 0.9, 0);
         }
         let pulse = Pulse { duration_s: first.pulse_duration_s, shape: config.radio.pulse_shape };
@@ -210,6 +239,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             report.lost = self.watch(&heard);
         }
         report.acquiring = self.acquisition.is_some();
+        report.left_out = scans.iter().fold(0, |sum, scan| sum + scan.left_out);
         if !report.acquiring {
             observer.stage(Stage::Update);
             let before = self.filter.agent();
@@ -300,7 +330,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                     }
                     check_frame(frame, &rules)?;
                 }
-                Observation::Ranges(scan) => check_scan(scan, PATHS, rules.max_range_m)?,
+                Observation::Ranges(scan) => check_scan(scan, rules.max_range_m)?,
             }
         }
         Ok(())
@@ -320,6 +350,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 measurements: Vec::new(),
                 framed: false,
                 threshold: 0.0,
+                left_out: 0,
             };
             let mut heard = false;
             // Ranges first: they outrank the paths near them.
@@ -352,9 +383,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     fn take_ranges(&self, scan: &RangeScan<'_>, into: &mut Scan<PATHS>) {
         for range in scan.ranges {
             let variance_m2 = self.measurement_variance(range.variance_m2);
-            let measurement = Measurement { range_m: range.range_m, variance_m2, sinr: 0.0, energy: 0.0 };
-            // Checked against the capacity: every push succeeds.
-            let _ = into.measurements.push(measurement);
+            into.take_range(Measurement { range_m: range.range_m, variance_m2, sinr: 0.0, energy: 0.0 });
         }
     }
 
@@ -390,8 +419,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let [re, im] = path.amplitude;
             let measurement =
                 Measurement { range_m, variance_m2, sinr: path.sinr, energy: re * re + im * im };
-            // Where ranges took up room, the latest paths are dropped.
-            let _ = into.measurements.push(measurement);
+            // Where ranges took up room, the latest paths are left out.
+            into.left_out += u32::from(into.measurements.push(measurement).is_err());
         }
     }
 
@@ -866,6 +895,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             reward: 0.0,
             anchors_heard: 0,
             measurements: 0,
+            left_out: 0,
             associated: 0,
             acquiring: false,
             lost: false,

@@ -104,13 +104,13 @@ pub enum Error {
         /// Index in the scan.
         index: usize,
     },
-    /// More ranges in one scan than `PATHS`.
+    /// More ranges in one scan than [`crate::observation::LONGEST_SCAN`].
     RangeCount {
         /// The anchor.
         anchor: usize,
         /// Ranges given.
         given: usize,
-        /// The capacity.
+        /// The most allowed.
         limit: usize,
     },
     /// The tag's height is not finite or beyond 1 km.

@@ -60,7 +60,7 @@ pub mod report;
 pub mod trace;
 
 pub use anchor::{Anchor, MappedVirtualAnchor};
-pub use config::Config;
+pub use config::{Config, Variant};
 pub use cycle::Tracker;
 pub use error::{Error, Setting};
 pub use report::CycleReport;

@@ -145,12 +145,19 @@ pub struct Range {
     pub variance_m2: f32,
 }
 
+/// The most ranges that a scan may have: what an untrusted source can make a cycle look at.
+pub const LONGEST_SCAN: usize = 4096;
+
 /// The ranges of one anchor in one cycle, in any order; which of them is the direct path is not known.
+///
+/// All of them are checked, and the best `PATHS` are kept: those of the smallest variance, which tell most; among
+/// equals the shortest, since paths lose energy on their way and false ranges do not; among those the first. How
+/// many were left out is reported.
 #[derive(Clone, Copy, Debug)]
 pub struct RangeScan<'a> {
     /// Index of the anchor.
     pub anchor: usize,
-    /// At most `PATHS` ranges.
+    /// At most [`LONGEST_SCAN`] ranges.
     pub ranges: &'a [Range],
 }
 
@@ -210,11 +217,11 @@ pub(crate) fn check_frame(frame: &Frame<'_>, rules: &FrameRules) -> Result<(), E
     Ok(())
 }
 
-/// Checks a scan against the capacity and the longest range.
-pub(crate) fn check_scan(scan: &RangeScan<'_>, limit: usize, max_range_m: f32) -> Result<(), Error> {
+/// Checks a scan's length and every one of its ranges.
+pub(crate) fn check_scan(scan: &RangeScan<'_>, max_range_m: f32) -> Result<(), Error> {
     let anchor = scan.anchor;
-    if scan.ranges.len() > limit {
-        return Err(Error::RangeCount { anchor, given: scan.ranges.len(), limit });
+    if scan.ranges.len() > LONGEST_SCAN {
+        return Err(Error::RangeCount { anchor, given: scan.ranges.len(), limit: LONGEST_SCAN });
     }
     for (index, range) in scan.ranges.iter().enumerate() {
         if !(range.range_m > 0.0 && range.range_m <= max_range_m) {

@@ -20,8 +20,10 @@ pub struct CycleReport {
     pub reward: f32,
     /// Anchors heard.
     pub anchors_heard: u32,
-    /// Paths or ranges received.
+    /// Paths or ranges received and kept.
     pub measurements: u32,
+    /// Paths or ranges received that were left out because a scan keeps no more than `PATHS`, acquiring or not.
+    pub left_out: u32,
     /// Of those, how many more likely than not belong to a known feature.
     pub associated: u32,
     /// Whether it is not known (yet, or any more) where the tag is: the position is then the mean of several places, and

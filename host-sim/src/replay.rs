@@ -6,7 +6,7 @@ use cogmint_core::controller::library::Action;
 use cogmint_core::observation::{Frame, Observation, Range, RangeScan, Samples};
 use cogmint_core::observer::Observer;
 use cogmint_core::pulse::PulseShape;
-use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Setting, Tracker};
+use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Setting, Tracker, Variant};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
@@ -131,6 +131,21 @@ impl Setup {
             Ok(_) => Ok(setup),
             Err(error) => Err(refusal(error, file, setup.anchors.iter().any(is_out_of_reach))),
         }
+    }
+
+    /// The same set-up for a variant of the tracker. The conventional one takes the positions told for exact, and nothing
+    /// else: where a recording's plan is wrong, so is its map.
+    ///
+    /// # Errors
+    /// The conventional variant needs a floor plan, and the recording in `folder` has none.
+    pub fn with_variant(mut self, variant: Variant, folder: &std::path::Path) -> Result<Self, InputError> {
+        if variant == Variant::Conventional && self.map.is_empty() {
+            let reason =
+                "has no known entry, and the conventional variant finds none itself: it needs a floor plan";
+            return Err(InputError::new(folder.join(META_FILE), reason).for_item("virtual_anchors"));
+        }
+        self.config = self.config.with_variant(variant);
+        Ok(self)
     }
 
     /// A fresh tracker of capacity `ANCHORS`.

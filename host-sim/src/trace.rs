@@ -2,7 +2,7 @@
 
 use crate::input_error::InputError;
 use crate::recording::Recording;
-use crate::replay::{CycleInput, SMALL_ANCHORS, Setup, Step, inputs, step};
+use crate::replay::{CycleInput, PATHS, SMALL_ANCHORS, Setup, Step, inputs, step};
 use cogmint_core::observation::{Observation, Samples};
 use cogmint_core::pulse::PulseShape;
 use std::path::Path;
@@ -24,7 +24,7 @@ pub fn trace(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<St
 /// The feed of a recording for the firmware, whose source documents the layout.
 ///
 /// # Errors
-/// The recording holds frames without phase, which the firmware has no room for.
+/// The recording holds frames without phase or scans of more than 16 ranges, which the firmware has no room for.
 pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>, InputError> {
     let mut feed = Feed::default();
     feed.word(u32::from_le_bytes(*b"COG1"));
@@ -78,6 +78,14 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
         feed.float(action.pulse_duration_s);
     }
     for input in inputs(recording) {
+        let is_long =
+            |o: &Observation<'_>| matches!(o, Observation::Ranges(scan) if scan.ranges.len() > PATHS);
+        if input.observations().iter().any(is_long) {
+            let reason = format!(
+                "holds more than {PATHS} ranges of an anchor in a cycle, the firmware has room for {PATHS}"
+            );
+            return Err(InputError::new(file, reason).for_item("range_anchor"));
+        }
         feed.cycle(&input).ok_or_else(|| {
             InputError::new(file, "holds magnitudes, the firmware takes complex samples only")
                 .for_item("frame_magnitude")

@@ -41,6 +41,8 @@ pub struct Track {
     pub virtual_anchors: Vec<MappedVirtualAnchor>,
     /// Range bias of each anchor and its standard deviation at the end, metres; empty where none is estimated.
     pub bias_m: Vec<[f64; 2]>,
+    /// Ranges and paths that the core left out because a scan had too many.
+    pub left_out: u64,
     /// Cycles whose observations the core refused, and why the first was.
     pub refused: usize,
     /// Why the first refused cycle was.
@@ -57,11 +59,23 @@ pub fn track(
     seed: Option<u64>,
     on_cycle: impl FnMut(),
 ) -> Result<Track, InputError> {
-    let setup = Setup::new(recording, file, seed)?;
+    track_setup(&Setup::new(recording, file, seed)?, recording, file, on_cycle)
+}
+
+/// [`track`] with a set-up of one's own.
+///
+/// # Errors
+/// The core refuses the set-up, or the recording's time cannot be followed.
+pub fn track_setup(
+    setup: &Setup,
+    recording: &Recording,
+    file: &Path,
+    on_cycle: impl FnMut(),
+) -> Result<Track, InputError> {
     if setup.anchors.len() <= SMALL_ANCHORS {
-        run::<SMALL_ANCHORS>(&setup, recording, file, on_cycle)
+        run::<SMALL_ANCHORS>(setup, recording, file, on_cycle)
     } else {
-        run::<LARGE_ANCHORS>(&setup, recording, file, on_cycle)
+        run::<LARGE_ANCHORS>(setup, recording, file, on_cycle)
     }
 }
 
@@ -116,7 +130,19 @@ fn run<const A: usize>(
     let mut refusals = steps.iter().filter_map(|step| step.refused);
     let first_refusal = refusals.next().map(|error| error.to_string());
     let refused = steps.iter().filter(|step| step.refused.is_some()).count();
-    Ok(Track { steps, errors_m, score, map, consistency, virtual_anchors, bias_m, refused, first_refusal })
+    let left_out = steps.iter().map(|step| u64::from(step.report.left_out)).sum();
+    Ok(Track {
+        steps,
+        errors_m,
+        score,
+        map,
+        consistency,
+        virtual_anchors,
+        bias_m,
+        left_out,
+        refused,
+        first_refusal,
+    })
 }
 
 impl Track {

@@ -82,6 +82,8 @@ pub struct Coverage {
     pub paths: u64,
     /// Measurements (ranges and paths) associated or not.
     pub measurements: u64,
+    /// Measurements left out because a scan had too many.
+    pub left_out: u64,
     /// Virtual anchors discovered.
     pub discovered: u64,
     /// Virtual anchors forgotten.
@@ -529,6 +531,7 @@ impl Comparison {
             ("cycle", a.cycle, b.cycle),
             ("anchors heard", a.anchors_heard, b.anchors_heard),
             ("measurements", a.measurements, b.measurements),
+            ("left out", a.left_out, b.left_out),
             ("associated", a.associated, b.associated),
             ("acquiring", u32::from(a.acquiring), u32::from(b.acquiring)),
             ("lost", u32::from(a.lost), u32::from(b.lost)),
@@ -625,6 +628,7 @@ impl Coverage {
         self.frames += watch.estimates.len() as u64;
         self.paths += watch.estimates.iter().map(|(_, estimate)| estimate.paths.len() as u64).sum::<u64>();
         self.measurements += u64::from(report.measurements);
+        self.left_out += u64::from(report.left_out);
         self.discovered += u64::from(report.discovered);
         self.forgotten += u64::from(report.forgotten);
         self.map_full += u64::from(report.map_full);
@@ -700,7 +704,9 @@ mod tests {
         Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
     };
     use crate::reference::pulse::Pulse;
+    use cogmint_core::Variant;
     use cogmint_core::controller::reward::Reward;
+    use cogmint_core::observation::LONGEST_SCAN;
     use cogmint_core::perceptor::association::Mode;
     use cogmint_core::pulse::PulseShape;
     use rand_core::{Rng, SeedableRng};
@@ -886,6 +892,45 @@ mod tests {
     }
 
     #[test]
+    fn every_variant_is_equal_and_the_conventional_one_never_moves_its_map() {
+        let recording = recording(Kind::Ranges, 400, 0);
+        let folder = Path::new("made");
+        for variant in Variant::ALL {
+            let setup = setup(&recording).with_variant(variant, folder).unwrap();
+            let covered = verified(&setup, &recording).covered;
+            assert_eq!(covered.discovered == 0, variant == Variant::Conventional, "{variant:?}: {covered:?}");
+
+            let mut tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
+            let mut held = true;
+            for input in inputs(&recording) {
+                step(&mut tracker, &input, &mut ()).unwrap();
+                for (slot, mapped) in setup.map.iter().enumerate() {
+                    // Forgotten once nothing reflects any more.
+                    let Some((mean, covariance)) = tracker.filter().virtual_anchor(slot) else { continue };
+                    held &= [mean.x, mean.y] == mapped.position_m && covariance.norm() == 0.0;
+                }
+            }
+            assert_eq!(held, variant == Variant::Conventional, "{variant:?}");
+        }
+    }
+
+    #[test]
+    fn the_conventional_variant_is_refused_without_a_floor_plan() {
+        let mut recording = recording(Kind::Ranges, 2, 0);
+        recording.virtual_anchors.iter_mut().for_each(|va| va.known = false);
+        for variant in Variant::ALL {
+            let answer = setup(&recording).with_variant(variant, Path::new("made"));
+            match answer {
+                Ok(_) => assert_ne!(variant, Variant::Conventional),
+                Err(error) => {
+                    assert_eq!(variant, Variant::Conventional);
+                    assert_eq!(error.item(), Some("virtual_anchors"));
+                }
+            }
+        }
+    }
+
+    #[test]
     fn complex_frames_are_equal_for_every_reward() {
         let recording = recording(Kind::Complex, 60, 200);
         for (reward, horizon) in
@@ -978,10 +1023,30 @@ mod tests {
     }
 
     #[test]
+    fn scans_with_more_ranges_than_there_is_room_for_are_equal() {
+        for kind in [Kind::Ranges, Kind::Both] {
+            let mut recording = recording(kind, 60, 200);
+            let mut rng = Xoshiro128PlusPlus::seed_from_u64(17);
+            for cycle in &mut recording.cycles {
+                for n in 0..rng.next_u32() % 60 {
+                    // Of a few lengths and deviations only, so that many are equal in one or both.
+                    let range_m = 1.0 + f64::from(rng.next_u32() % 12);
+                    let std_m = [None, Some(0.05), Some(0.5)][rng.next_u32() as usize % 3];
+                    let range = Range { anchor: (n % 2) as usize, range_m, std_m };
+                    cycle.ranges.insert(rng.next_u32() as usize % (cycle.ranges.len() + 1), range);
+                }
+            }
+            let covered = verified(&setup(&recording), &recording).covered;
+            assert!(covered.left_out > 100 && covered.refused_cycles == 0, "{covered:?}");
+        }
+    }
+
+    #[test]
     fn a_refused_cycle_is_an_empty_one_for_both() {
         let mut recording = recording(Kind::Both, 12, 200);
-        // More ranges than the core takes in one scan.
-        recording.cycles[4].ranges.extend([Range { anchor: 0, range_m: 5.0, std_m: None }; 17]);
+        // More ranges than the core looks at in one scan.
+        let range = Range { anchor: 0, range_m: 5.0, std_m: None };
+        recording.cycles[4].ranges.extend([range; LONGEST_SCAN + 1]);
         if let Samples::Complex(samples) = &mut recording.cycles[7].frames[0].samples {
             samples[3] = [f32::NAN, 0.0];
         }

@@ -2,7 +2,7 @@
 
 use cogmint_core::controller::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::controller::reward::Reward;
-use cogmint_core::observation::{Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples};
 use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
 
 type Small = Tracker<2, 4, 8, 40>;
@@ -163,9 +163,53 @@ fn bad_ranges_are_refused() {
         let scan = [Observation::Ranges(RangeScan { anchor: 1, ranges: &ranges })];
         refuses(&scan, 0.1, None, Error::RangeVariance { anchor: 1, index: 0 });
     }
-    let many = [good; 9];
+    let many = [good; LONGEST_SCAN + 1];
     let scan = [Observation::Ranges(RangeScan { anchor: 1, ranges: &many })];
-    refuses(&scan, 0.1, None, Error::RangeCount { anchor: 1, given: 9, limit: 8 });
+    refuses(&scan, 0.1, None, Error::RangeCount { anchor: 1, given: 4097, limit: 4096 });
+    // Far behind those that there is room for, and worse than all of them.
+    let mut many = [good; LONGEST_SCAN];
+    many[4000].variance_m2 = f32::NAN;
+    let scan = [Observation::Ranges(RangeScan { anchor: 1, ranges: &many })];
+    refuses(&scan, 0.1, None, Error::RangeVariance { anchor: 1, index: 4000 });
+}
+
+/// The tracker holds eight: the test itself picks them, by crossing out the worst until eight are left.
+#[test]
+fn of_too_many_ranges_the_best_are_kept_in_their_order() {
+    let mut state = 7_u64;
+    let mut random = move |below: u64| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % below
+    };
+    let tracker = tracker();
+    for round in 0..200 {
+        let count = if round == 0 { LONGEST_SCAN as u64 } else { 1 + random(60) };
+        // Few different values, so that many are equal.
+        let ranges: Vec<Range> = (0..count)
+            .map(|_| Range {
+                range_m: 2.0 + 0.5 * random(20) as f32,
+                variance_m2: [0.01, 0.04, 0.09][random(3) as usize],
+            })
+            .collect();
+        let mut best = ranges.clone();
+        while best.len() > 8 {
+            let largest = best.iter().map(|range| range.variance_m2).fold(0.0, f32::max);
+            let of_it = |range: &&Range| range.variance_m2 == largest;
+            let longest = best.iter().filter(of_it).map(|range| range.range_m).fold(0.0, f32::max);
+            let worst =
+                best.iter().rposition(|range| range.variance_m2 == largest && range.range_m == longest);
+            best.remove(worst.unwrap());
+        }
+        let outcome = |ranges: &[Range]| {
+            let mut tracker = tracker.clone();
+            let scan = Observation::Ranges(RangeScan { anchor: 0, ranges });
+            let report = tracker.cycle(&[scan], 0.1, Some(1.2)).unwrap();
+            (report.left_out, report.measurements, tracker.hash())
+        };
+        let (left_out, measurements, hash) = outcome(&ranges);
+        assert_eq!(u64::from(left_out), count.saturating_sub(8), "round {round}");
+        assert_eq!(outcome(&best), (0, measurements, hash), "round {round}");
+    }
 }
 
 #[test]
@@ -277,6 +321,13 @@ fn anchors_maps_and_libraries_out_of_range_are_refused() {
     assert_eq!(new(&ANCHORS, &[orphan], &LIBRARY_PUBLISHED), Error::UnknownAnchor { anchor: 2 });
     let vague = MappedVirtualAnchor { std_m: f32::NAN, ..image };
     assert_eq!(new(&ANCHORS, &[vague], &LIBRARY_PUBLISHED), Error::Geometry { index: 0 });
+    // A deviation of 0 is known exactly; one far below what single precision tells of a room is a mistake.
+    for std_m in [9e-5, -1e-4, 101.0, f32::INFINITY] {
+        let image = MappedVirtualAnchor { std_m, ..image };
+        assert_eq!(new(&ANCHORS, &[image], &LIBRARY_PUBLISHED), Error::Geometry { index: 0 });
+    }
+    let exact = MappedVirtualAnchor { std_m: 0.0, ..image };
+    assert!(Small::new(config(), &ANCHORS, &[exact], &LIBRARY_PUBLISHED, 1).is_ok());
     assert_eq!(new(&ANCHORS, &[], &[]), Error::Configuration(Setting::LibraryEmpty));
 }
 

@@ -102,6 +102,67 @@ fn an_experiment_on_tracking_takes_a_recording_from_several_starts() {
 }
 
 #[test]
+fn variants_are_selected_by_name_and_named_in_the_answer() {
+    let folder = Folder::new("variants");
+    small_recording(&folder.path().join("r"));
+    let track = |more: &[&str]| cogmint(folder.path(), &[&["track", "r"], more].concat());
+    assert_eq!(json(&track(&["--json"]))["variant"], "soft");
+    for variant in ["conventional", "probabilistic", "soft"] {
+        let outcome = json(&track(&["--variant", variant, "--json"]));
+        assert_eq!(outcome["variant"], variant);
+        let still = |va: &serde_json::Value| {
+            va["covariance_m2"].as_array().unwrap().iter().all(|entry| entry.as_f64() == Some(0.0))
+        };
+        let found = outcome["virtual_anchors_found"].as_array().unwrap();
+        assert!(!found.is_empty() && found.iter().all(still) == (variant == "conventional"), "{outcome}");
+        let table = text(&track(&["--variant", variant]).stdout);
+        assert!(table.contains(variant), "{table}");
+        let figure = fs::read_to_string(folder.path().join("cogmint-out/r-track.svg")).unwrap();
+        assert!(!figure.contains("NaN") && !figure.contains("inf"), "{variant}");
+    }
+    refused(&track(&["--variant", "guess"]), &["guess", "conventional", "probabilistic", "soft"]);
+
+    let experiment = |more: &[&str]| {
+        let arguments = ["experiment", "tracking", "--runs", "1", "--variant", "soft,conventional"];
+        cogmint(folder.path(), &[&arguments[..], more].concat())
+    };
+    let answer = json(&experiment(&["--only", "known-plan", "--json"]));
+    let rows: Vec<_> = answer["scenarios"].as_array().unwrap().iter().map(|row| &row["variant"]).collect();
+    assert_eq!(rows, ["soft", "conventional"]);
+    let table = text(&experiment(&["--only", "known-plan"]).stdout);
+    assert!(table.contains("known-plan, conventional"), "{table}");
+    refused(&experiment(&["--only", "known-plan,slam"]), &["conventional", "floor plan", "slam"]);
+}
+
+#[test]
+fn the_conventional_variant_is_refused_where_there_is_no_floor_plan() {
+    let folder = Folder::new("variants-without-plan");
+    let recording = cogmint::experiment::tracking::slam_ranges::SlamRanges::default().record(1);
+    recording.write(folder.path().join("r")).unwrap();
+    let track = |variant: &str| cogmint(folder.path(), &["track", "r", "--json", "--variant", variant]);
+    refused(&track("conventional"), &["recording.toml", "virtual_anchors", "floor plan"]);
+    assert!(!folder.path().join("cogmint-out").exists(), "nothing may be written");
+    assert_eq!(json(&track("probabilistic"))["variant"], "probabilistic");
+}
+
+#[test]
+fn more_ranges_than_the_tracker_keeps_cost_no_cycle() {
+    let folder = Folder::new("long-scans");
+    let mut recording = cogmint::experiment::tracking::slam_ranges::SlamRanges::default().record(1);
+    recording.cycles.truncate(20);
+    let first = recording.cycles[3].ranges[0];
+    let before = recording.cycles[3].ranges.iter().filter(|range| range.anchor == first.anchor).count();
+    recording.cycles[3].ranges.extend(vec![cogmint::recording::Range { range_m: 29.0, ..first }; 20]);
+    recording.write(folder.path().join("r")).unwrap();
+    let outcome = json(&cogmint(folder.path(), &["track", "r", "--json"]));
+    assert_eq!(outcome["refused_cycles"], 0);
+    assert_eq!(outcome["measurements_left_out"], before + 20 - 16);
+    assert!(text(&cogmint(folder.path(), &["track", "r"]).stdout).contains("left out"));
+    let feed = ["trace", "--recording", "r", "--feed", "feed.bin"];
+    refused(&cogmint(folder.path(), &feed), &["more than 16 ranges", "firmware"]);
+}
+
+#[test]
 fn what_nobody_knows_is_not_scored() {
     let folder = Folder::new("track-without-truth");
     let room = cogmint::demo::seminar_room(1, 12).unwrap();

@@ -154,6 +154,76 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     assert!(rmse < 0.03, "{rmse} m from the truth: the comparison must be on a working track");
 }
 
+/// The same ranges to virtual anchors known exactly, and to physical anchors in their places.
+#[test]
+fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
+    let motion =
+        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-2, position_std_limit_m: 30.0 };
+    let exact = [(0, [-0.5_f32, 7.0]), (3, [5.2, -3.2])];
+    for bias_std_m in [0.0, 0.2] {
+        let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(41));
+        let mut ours = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.1, 0.02, bias_std_m);
+        // A virtual anchor of the usual kind, correlated with the tag.
+        assert!(ours.insert_independent(1, [11.5, 7.0], 0.2));
+        let mut theirs = ours.clone();
+        for (slot, place) in exact {
+            assert!(ours.insert_independent(slot, place, 0.0));
+        }
+        for cycle in 0..2000 {
+            // Now and then so long that the position's variance meets its limit.
+            let elapsed_s = if cycle % 500 == 250 { 600.0 } else { 0.1 };
+            ours.predict(elapsed_s);
+            theirs.predict(elapsed_s);
+            let deviation = if cycle % 2 == 0 { 1e-3 } else { 0.1 };
+            let mut heard = Vec::new();
+            for (anchor, anchor_m) in ANCHORS.into_iter().enumerate() {
+                heard.push((Source::Direct { anchor }, Source::Direct { anchor }, anchor_m));
+                let (slot, place) = exact[anchor];
+                heard.push((Source::Virtual { anchor, slot }, Source::Direct { anchor }, place));
+            }
+            let usual = Source::Virtual { anchor: 0, slot: 1 };
+            heard.push((usual, usual, [0.0, 0.0]));
+            let angle = 0.01 * f64::from(cycle);
+            let truth = [3.0 + angle.sin(), 6.0 + angle.cos()];
+            let (mut to_ours, mut to_theirs) = (Vec::new(), Vec::new());
+            for (own, other, place) in heard {
+                let [x, y] = if own == usual { [11.4, 7.1] } else { place.map(f64::from) };
+                let range_m = ((truth[0] - x).hypot(truth[1] - y) + deviation * noise.normal()) as f32;
+                let weight = 0.5 + 0.5 * noise.uniform() as f32;
+                let update = |filter: &StateFilter<2, 4>, source, anchor_m| {
+                    let regression = filter.regress(source, &Sight { anchor_m, height_m: 0.5 }).unwrap();
+                    let nu = range_m - regression.range_m;
+                    let variance_m2 = (deviation * deviation) as f32;
+                    Innovation {
+                        regression,
+                        weight,
+                        first_m: weight * nu,
+                        second_m2: weight * nu * nu,
+                        variance_m2,
+                    }
+                };
+                to_ours.push(update(&ours, own, place));
+                to_theirs.push(update(&theirs, other, place));
+            }
+            ours.update(to_ours);
+            theirs.update(to_theirs);
+            assert_eq!(ours.agent(), theirs.agent(), "bias {bias_std_m}, cycle {cycle}");
+            assert_eq!(ours.virtual_anchor(1), theirs.virtual_anchor(1), "bias {bias_std_m}, cycle {cycle}");
+            for anchor in 0..2 {
+                assert_eq!(ours.bias_m(anchor), theirs.bias_m(anchor), "bias {bias_std_m}, cycle {cycle}");
+            }
+            let (all, without) = (covariance(&ours), covariance(&theirs));
+            for (slot, [x, y]) in exact {
+                let (mean, block) = ours.virtual_anchor(slot).unwrap();
+                assert_eq!((mean, block), (Vector2::new(x, y), Matrix2::zeros()), "cycle {cycle}");
+            }
+            assert_eq!(all, without, "cycle {cycle}: correlated with what is known exactly");
+        }
+        let spread = ours.agent_covariance().m11;
+        assert!(spread < 0.1, "{spread} m^2: it was a track");
+    }
+}
+
 /// Changes of the virtual anchors' covariance wait for each other in the core; the reference makes each at once.
 #[test]
 fn changes_that_wait_give_the_bits_of_one_after_the_other() {

@@ -25,6 +25,10 @@
 //! rest). Each prediction adds 2^-19 of its own variance to every state, the size of the rounding errors of a
 //! cycle. Variances of the predicted range are sums of squares, never differences.
 //!
+//! **Exact.** A virtual anchor inserted with a deviation of 0 is known exactly: it has no variance and no covariance
+//! with anything, prediction leaves it out, every update moves it by w = 0. It stays where it is, to the bit, and its
+//! range tells as much as that of a physical anchor in its place.
+//!
 //! **Bounded.** What is never observed must not grow without end: after a prediction, each state whose variance
 //! exceeds its limit is scaled back, C <- D C D with a diagonal D (which keeps C positive definite). A bias is
 //! limited to its prior, the position to the reach of the radio.
@@ -114,7 +118,8 @@ pub struct Motion {
     /// Standard deviation of the tag's acceleration per axis, m/s^2 (1e-6 to 100). Larger follows turns faster
     /// and averages less.
     pub acceleration_std_m_s2: f32,
-    /// Random walk of each virtual anchor per cycle and axis, metres (1e-7 to 1). Larger forgets map errors faster.
+    /// Random walk of each virtual anchor per cycle and axis, metres (1e-7 to 1); those known exactly stay. Larger
+    /// forgets map errors faster.
     pub virtual_anchor_walk_m: f32,
     /// The position's standard deviation never exceeds this, metres (1 to 1e4): a tag that is still heard is within
     /// reach, however long it was not.
@@ -344,7 +349,8 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         c.xa.iter_mut().for_each(|cross| cross.fill(0.0));
     }
 
-    /// Adds a virtual anchor that is not correlated with anything; false where `slot` is taken or does not exist.
+    /// Adds a virtual anchor that is not correlated with anything; false where `slot` is taken or does not exist. With a
+    /// `std_m` of 0 it is known exactly and stays where it is.
     pub fn insert_independent(&mut self, slot: usize, position_m: [f32; 2], std_m: f32) -> bool {
         let [x, y] = position_m;
         let variance = std_m * std_m;
@@ -492,6 +498,8 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             }
         }
         let walk = self.motion.virtual_anchor_walk_m * self.motion.virtual_anchor_walk_m;
+        // No update brings a variance down to 0: what has none is known exactly.
+        let walked = |variance: f32| if variance == 0.0 { 0.0 } else { variance * margin + walk };
         for (k, ((cross, row), occupied)) in c.xa.iter_mut().zip(&mut c.aa).zip(&self.occupied).enumerate() {
             if !occupied {
                 continue;
@@ -501,8 +509,8 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             cross.m12 += dt * cross.m32;
             cross.m22 += dt * cross.m42;
             if let Some(block) = row.get_mut(k) {
-                block.m11 = block.m11 * margin + walk;
-                block.m22 = block.m22 * margin + walk;
+                block.m11 = walked(block.m11);
+                block.m22 = walked(block.m22);
             }
         }
         self.limit();

@@ -12,8 +12,10 @@ pub mod track;
 pub mod verify;
 
 use crate::Failure;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use cogmint::plot::Picture;
 use cogmint::recording::Recording;
+use cogmint_core::Variant;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
@@ -21,6 +23,21 @@ use std::path::{Path, PathBuf};
 
 /// Where figures go unless told otherwise.
 const OUTPUT_FOLDER: &str = "cogmint-out";
+
+/// Parses the name of a variant of the tracker; the help lists the names.
+fn variants() -> impl TypedValueParser<Value = Variant> {
+    let named = Variant::ALL.map(|variant| {
+        let summary = match variant {
+            Variant::Conventional => "virtual anchors exactly where the floor plan has them, held fixed, none discovered; MAP association",
+            Variant::Probabilistic => "virtual anchors as random variables, also discovered; MAP association",
+            Variant::Soft => "the same, with every association weighted by its probability",
+        };
+        PossibleValue::new(variant.name()).help(summary)
+    });
+    // The parser before lets no other name pass.
+    PossibleValuesParser::new(named)
+        .map(|name| Variant::ALL.into_iter().find(|variant| variant.name() == name).unwrap_or(Variant::Soft))
+}
 
 /// A progress bar over cycles on the terminal; silent where there is none.
 fn progress(length: usize, what: &str) -> ProgressBar {

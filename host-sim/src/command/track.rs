@@ -1,12 +1,14 @@
 //! `cogmint track`: a recording through the core.
 
-use super::{OUTPUT_FOLDER, metres, print, print_json, progress, write_picture};
+use super::{OUTPUT_FOLDER, metres, print, print_json, progress, variants, write_picture};
 use crate::Failure;
 use cogmint::recording::Recording;
+use cogmint::replay::{PATHS, Setup};
 use cogmint::score::Score;
 use cogmint::score::consistency::Consistency;
 use cogmint::score::map::MapScore;
-use cogmint::track::{MappedVirtualAnchor, track};
+use cogmint::track::{MappedVirtualAnchor, track_setup};
+use cogmint_core::Variant;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -17,6 +19,9 @@ pub struct Options {
     /// Draw the start within the recording's prior; without, the start is the prior's mean.
     #[arg(long)]
     seed: Option<u64>,
+    /// Variant of the tracker, for comparison.
+    #[arg(long, value_name = "NAME", default_value = "soft", value_parser = variants())]
+    variant: Variant,
     /// Where the figure goes, without extension.
     #[arg(long, value_name = "PATH")]
     plot: Option<PathBuf>,
@@ -28,11 +33,13 @@ pub struct Options {
 #[derive(Serialize)]
 struct Outcome<'a> {
     recording: &'a str,
+    variant: &'static str,
     #[serde(flatten)]
     score: &'a Score,
     virtual_anchors: &'a MapScore,
     #[serde(flatten)]
     consistency: &'a Consistency,
+    measurements_left_out: u64,
     refused_cycles: usize,
     first_refusal: &'a Option<String>,
     virtual_anchors_found: &'a [MappedVirtualAnchor],
@@ -43,8 +50,9 @@ struct Outcome<'a> {
 pub fn run(options: &Options) -> Result<(), Failure> {
     let folder = &options.folder;
     let recording = Recording::read(folder)?;
+    let setup = Setup::new(&recording, folder, options.seed)?.with_variant(options.variant, folder)?;
     let bar = progress(recording.cycles.len(), "tracking");
-    let run = track(&recording, folder, options.seed, || bar.inc(1))?;
+    let run = track_setup(&setup, &recording, folder, || bar.inc(1))?;
     bar.finish_and_clear();
     let name =
         folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
@@ -54,9 +62,11 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     if options.json {
         return print_json(&Outcome {
             recording: &recording.name,
+            variant: options.variant.name(),
             score,
             virtual_anchors: &run.map,
             consistency: &run.consistency,
+            measurements_left_out: run.left_out,
             refused_cycles: run.refused,
             first_refusal: &run.first_refusal,
             virtual_anchors_found: &run.virtual_anchors,
@@ -64,7 +74,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             figure,
         });
     }
-    print(&format!("{}: {} cycles, {} anchors.", recording.name, score.cycles, recording.anchors.len()));
+    let (cycles, anchors) = (score.cycles, recording.anchors.len());
+    let variant = options.variant.name();
+    print(&format!("{}: {cycles} cycles, {anchors} anchors, {variant} variant.", recording.name));
     print("\n  RMSE m  median m   90 % m   95 % m    max m  diverged  us/cycle");
     print(&format!(
         "{:>8} {:>9} {:>8} {:>8} {:>8} {:>9} {:>9.1}",
@@ -99,6 +111,12 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     for (anchor, [bias, deviation]) in recording.anchors.iter().zip(&run.bias_m) {
         print(&format!("range bias of {}: {bias:.3} m, deviation {deviation:.3} m", anchor.name));
+    }
+    if run.left_out > 0 {
+        print(&format!(
+            "{} ranges or paths left out: more than {PATHS} of an anchor in a cycle",
+            run.left_out
+        ));
     }
     if let Some(reason) = &run.first_refusal {
         print(&format!("{} cycles refused, the first because {reason}", run.refused));

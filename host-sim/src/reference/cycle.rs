@@ -59,6 +59,8 @@ pub struct Scan<T> {
     pub framed: bool,
     /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
     pub threshold: T,
+    /// Ranges and paths that there was no room for.
+    pub left_out: u32,
 }
 
 /// A scan and what was made of it; features are the direct path, then the anchor's virtual anchors by slot.
@@ -88,6 +90,7 @@ pub struct Report<T> {
     pub reward: T,
     pub anchors_heard: u32,
     pub measurements: u32,
+    pub left_out: u32,
     pub associated: u32,
     pub acquiring: bool,
     pub lost: bool,
@@ -169,7 +172,8 @@ impl<T: Real> Reference<T> {
         let acquisition = Some(Acquisition::new(filter.agent(), capacity.anchors));
         let mut environment = EnvironmentMemory::new(capacity.virtual_anchors);
         for slot in 0..map.len() {
-            filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(map[slot].std_m));
+            let std_m = if config.exact_map { 0.0 } else { map[slot].std_m };
+            filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(std_m));
             environment.insert(slot, map[slot].anchor, T::of(0.9), 0);
         }
         let values = vec![T::ZERO; capacity.actions];
@@ -232,6 +236,7 @@ impl<T: Real> Reference<T> {
             report.lost = self.watch(&heard);
         }
         report.acquiring = self.acquisition.is_some();
+        report.left_out = heard.iter().map(|associated| associated.scan.left_out).sum();
         if !report.acquiring {
             let before = self.filter.agent();
             let mut innovations = Vec::new();
@@ -294,6 +299,7 @@ impl<T: Real> Reference<T> {
                 measurements: Vec::new(),
                 framed: false,
                 threshold: T::ZERO,
+                left_out: 0,
             };
             // Ranges first: they outrank the paths near them.
             for observation in &mine {
@@ -311,15 +317,28 @@ impl<T: Real> Reference<T> {
         (estimates, scans)
     }
 
+    /// The ranges in their order, without the worst where there are too many: sorted by variance, then length, then
+    /// place, those that follow the capacity.
     fn take_ranges(&self, ranges: &RangeScan<'_>, scan: &mut Scan<T>) {
+        let mut all = Vec::new();
         for range in ranges.ranges {
-            scan.measurements.push(Measurement {
+            all.push(Measurement {
                 range_m: T::of(range.range_m),
                 variance_m2: self.measurement_variance(T::of(range.variance_m2)),
                 sinr: T::ZERO,
                 energy: T::ZERO,
             });
         }
+        let mut best: Vec<usize> = (0..all.len()).collect();
+        best.sort_by(|&i, &j| {
+            let key = |n: usize| (all[n].variance_m2, all[n].range_m, n);
+            key(i).partial_cmp(&key(j)).unwrap_or(std::cmp::Ordering::Equal)
+        });
+        let kept = all.len().min(self.capacity.paths);
+        best.truncate(kept);
+        best.sort_unstable();
+        scan.left_out += (all.len() - kept) as u32;
+        scan.measurements.extend(best.into_iter().map(|n| all[n]));
     }
 
     fn take_frame(&mut self, frame: &Frame<'_>, scan: &mut Scan<T>) -> ChannelEstimate<T> {
@@ -335,7 +354,11 @@ impl<T: Real> Reference<T> {
             let range_m = path.delay_s * speed_of_light();
             let near_range = ranges.iter().any(|range| abs(range.range_m - range_m) < resolution_m);
             let outside = range_m <= T::ZERO || range_m > T::of(self.config.ranging.max_range_m);
-            if near_range || outside || scan.measurements.len() == self.capacity.paths {
+            if near_range || outside {
+                continue;
+            }
+            if scan.measurements.len() == self.capacity.paths {
+                scan.left_out += 1;
                 continue;
             }
             scan.measurements.push(Measurement {
@@ -818,6 +841,7 @@ impl<T: Real> Reference<T> {
             reward: T::ZERO,
             anchors_heard: 0,
             measurements: 0,
+            left_out: 0,
             associated: 0,
             acquiring: false,
             lost: false,

@@ -264,7 +264,7 @@ impl<T: Real> StateFilter<T> {
         [[c[a][a], c[a][a + 1]], [c[a + 1][a], c[a + 1][a + 1]]]
     }
 
-    /// Adds a virtual anchor that is correlated with nothing.
+    /// Adds a virtual anchor that is correlated with nothing; exact where `std_m` is 0.
     pub fn insert_independent(&mut self, slot: usize, position_m: [T; 2], std_m: T) {
         let variance = square(std_m);
         self.fill(slot, position_m);
@@ -338,8 +338,10 @@ impl<T: Real> StateFilter<T> {
                 let moved = self.covariance[axis][i] + dt * self.covariance[2 + axis][i];
                 self.set_symmetric(axis, i, moved);
             }
+            // A virtual anchor without variance is known exactly and does not walk.
+            let exact = self.covariance[i][i] == T::ZERO;
             self.covariance[i][i] *= growth;
-            if !self.is_bias(i) {
+            if !self.is_bias(i) && !exact {
                 self.covariance[i][i] += walk;
             }
         }

@@ -3,6 +3,7 @@
 use crate::score::Score;
 use crate::score::consistency::Consistency;
 use crate::score::map::MapScore;
+use cogmint_core::Variant;
 use serde::Serialize;
 
 /// What one run came to.
@@ -36,6 +37,8 @@ pub struct AgainstBound {
 pub struct Figures {
     /// The scenario, or the recording's name.
     pub scenario: String,
+    /// The variant of the tracker, by name.
+    pub variant: &'static str,
     /// Runs.
     pub runs: usize,
     /// Root mean square error of the position, metres.
@@ -74,8 +77,8 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Sums up the runs of a scenario.
-    pub fn new(scenario: &str, outcomes: &[Outcome]) -> Self {
+    /// Sums up the runs of a variant through a scenario.
+    pub fn new(scenario: &str, variant: Variant, outcomes: &[Outcome]) -> Self {
         let each = |figure: fn(&Outcome) -> Option<f64>| -> Vec<f64> {
             let mut values: Vec<f64> = outcomes.iter().filter_map(figure).collect();
             values.sort_by(f64::total_cmp);
@@ -91,6 +94,7 @@ impl Figures {
             outcomes.iter().filter(|run| run.against_bound.is_some()).map(|run| run.score.scored).sum();
         Self {
             scenario: scenario.into(),
+            variant: variant.name(),
             runs: outcomes.len(),
             rmse_m: mean(&rmse_m),
             rmse_median_m: median(&rmse_m),
@@ -149,7 +153,7 @@ mod tests {
             outcome(6, &[2.0, 2.0], 0.03),
             outcome(7, &[0.1, 0.1], 0.03),
         ];
-        let figures = Figures::new("any", &runs);
+        let figures = Figures::new("any", Variant::Soft, &runs);
         let near = |value: Option<f64>, expected: f64| {
             assert!(value.is_some_and(|value| (value - expected).abs() < 1e-12), "{value:?}, not {expected}");
         };
@@ -163,6 +167,6 @@ mod tests {
         near(figures.posterior_crlb_m, 0.1);
         near(Some(figures.us_per_cycle), 5.5);
         assert_eq!((figures.runs, figures.refused_cycles, figures.ospa_m), (4, 4, None));
-        assert_eq!(Figures::new("none", &[]).rmse_median_m, None);
+        assert_eq!(Figures::new("none", Variant::Soft, &[]).rmse_median_m, None);
     }
 }

@@ -10,7 +10,9 @@ pub mod target;
 
 use crate::input_error::InputError;
 use crate::recording::Recording;
-use crate::track::{Track, track};
+use crate::replay::Setup;
+use crate::track::{Track, track_setup};
+use cogmint_core::Variant;
 use figures::{Figures, Outcome};
 use rayon::prelude::*;
 use seminar_room::{Plan, SeminarRoom, against_bound};
@@ -125,31 +127,41 @@ pub fn cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// Runs it once per seed.
+    /// Whether the tracker is told of virtual anchors, without which the conventional variant cannot be.
+    pub fn has_floor_plan(&self) -> bool {
+        matches!(self.made, Made::Frames(_))
+    }
+
+    /// Runs a variant of the tracker through it, once per seed.
     ///
     /// # Errors
-    /// The core refuses a recording, which would be a defect.
-    pub fn run(&self, seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Figures, InputError> {
+    /// The variant needs a floor plan and the case has none. Else the core refuses a recording, which would be a defect.
+    pub fn run(
+        &self,
+        variant: Variant,
+        seeds: &[u64],
+        on_run: impl Fn() + Sync,
+    ) -> Result<Figures, InputError> {
         let outcomes = seeds.par_iter().map(|&seed| {
-            let outcome = self.run_once(seed);
+            let outcome = self.run_once(variant, seed);
             on_run();
             outcome
         });
-        Ok(Figures::new(self.name, &outcomes.collect::<Result<Vec<_>, _>>()?))
+        Ok(Figures::new(self.name, variant, &outcomes.collect::<Result<Vec<_>, _>>()?))
     }
 
     /// Runs it with one seed.
-    fn run_once(&self, seed: u64) -> Result<Outcome, InputError> {
+    fn run_once(&self, variant: Variant, seed: u64) -> Result<Outcome, InputError> {
         let file = Path::new(self.name);
         match &self.made {
             Made::Ranges(ranges) => {
                 let recording = ranges.record(RANGES_SEED.wrapping_add(seed));
-                Ok(outcome(seed, &track(&recording, file, Some(seed), || {})?))
+                Ok(outcome(seed, &run_variant(&recording, file, variant, seed)?))
             }
             Made::Frames(room) => {
                 let simulator = room.simulator(seed)?;
                 let recording = simulator.record(simulator.cycles(), || {});
-                let run = track(&recording, file, Some(seed), || {})?;
+                let run = run_variant(&recording, file, variant, seed)?;
                 let against_bound = Some(against_bound(&simulator, &recording, &run));
                 Ok(Outcome { against_bound, ..outcome(seed, &run) })
             }
@@ -157,22 +169,28 @@ impl Case {
     }
 }
 
-/// Runs a recording once per seed: each draws its start.
+/// Runs a variant of the tracker through a recording, once per seed: each draws its start.
 ///
 /// # Errors
-/// The tracker cannot take the recording.
+/// The tracker cannot take the recording, or the variant needs a floor plan and it has none.
 pub fn run_recording(
     recording: &Recording,
     folder: &Path,
+    variant: Variant,
     seeds: &[u64],
     on_run: impl Fn() + Sync,
 ) -> Result<Figures, InputError> {
     let outcomes = seeds.par_iter().map(|&seed| {
-        let run = track(recording, folder, Some(seed), || {})?;
+        let run = run_variant(recording, folder, variant, seed)?;
         on_run();
         Ok(outcome(seed, &run))
     });
-    Ok(Figures::new(&recording.name, &outcomes.collect::<Result<Vec<_>, InputError>>()?))
+    Ok(Figures::new(&recording.name, variant, &outcomes.collect::<Result<Vec<_>, InputError>>()?))
+}
+
+fn run_variant(recording: &Recording, file: &Path, variant: Variant, seed: u64) -> Result<Track, InputError> {
+    let setup = Setup::new(recording, file, Some(seed))?.with_variant(variant, file)?;
+    track_setup(&setup, recording, file, || {})
 }
 
 fn outcome(seed: u64, run: &Track) -> Outcome {
@@ -207,7 +225,7 @@ mod tests {
         let case = &cases()[0];
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
-            let figures = pool.install(|| case.run(&[1, 2, 3], || {})).expect("it runs");
+            let figures = pool.install(|| case.run(Variant::Soft, &[1, 2, 3], || {})).expect("it runs");
             Figures { us_per_cycle: 0.0, ..figures }
         };
         let alone = run(1);
