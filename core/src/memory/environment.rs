@@ -14,7 +14,7 @@ const FORGOTTEN: f32 = 1e-3;
 /// Scans without a path, since the last with one, after which it is forgotten; only those in which one was expected
 /// count.
 const MISSES: u16 = 200;
-/// Detection probability below which a virtual anchor counts as hidden, and above which a path is expected.
+/// Detection probability up to which a virtual anchor counts as hidden, and above which a path is expected.
 const HIDDEN: f32 = 0.1;
 const EXPECTED: f32 = 0.5;
 /// Existence is never certain: a wall can be taken down.
@@ -71,14 +71,18 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
 
     /// Existence of the virtual anchor in `slot` before a scan: P_s r, or r where it is hidden.
     pub fn expected_existence(&self, slot: usize, survival: f32, detection: f32) -> f32 {
-        let survival = if detection < HIDDEN { 1.0 } else { survival };
+        let survival = if detection <= HIDDEN { 1.0 } else { survival };
         self.get(slot).map_or(0.0, |record| smaller(record.existence * survival, MOST_CERTAIN))
     }
 
     /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and how probable it was.
     pub fn remember(&mut self, slot: usize, existence: f32, seen: bool, detection: f32) {
         if let Some(Some(record)) = self.records.get_mut(slot) {
-            record.existence = smaller(existence, MOST_CERTAIN);
+            // One that nobody has seen yet may not exist at all: that it is not seen again tells against it.
+            let hidden = detection <= HIDDEN;
+            if seen || !hidden {
+                record.existence = smaller(existence, MOST_CERTAIN);
+            }
             if seen {
                 record.misses = 0;
                 record.hits = record.hits.saturating_add(1);
