@@ -5,7 +5,7 @@
 //! above 0.5 and forgotten below 1e-3, or after 200 scans without the path that was expected. A virtual anchor that is
 //! hidden (its SINR says so) neither proves nor disproves that it exists, and keeps its existence.
 
-use crate::real::smaller;
+use crate::real::{larger, smaller};
 
 /// Existence above which a virtual anchor counts for planning and in reports.
 pub const CONFIRMED: f32 = 0.5;
@@ -78,11 +78,9 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
     /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and how probable it was.
     pub fn remember(&mut self, slot: usize, existence: f32, seen: bool, detection: f32) {
         if let Some(Some(record)) = self.records.get_mut(slot) {
-            // One that nobody has seen yet may not exist at all: that it is not seen again tells against it.
-            let hidden = detection <= HIDDEN;
-            if seen || !hidden {
-                record.existence = smaller(existence, MOST_CERTAIN);
-            }
+            // Where a path is hardly expected, having none tells nothing; having one does.
+            let existence = if detection <= HIDDEN { larger(existence, record.existence) } else { existence };
+            record.existence = smaller(existence, MOST_CERTAIN);
             if seen {
                 record.misses = 0;
                 record.hits = record.hits.saturating_add(1);

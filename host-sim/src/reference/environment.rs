@@ -4,7 +4,7 @@
 //! above 1/2, and is forgotten below 1/1000 or after 200 scans without the path that was expected. While it is hidden (hardly
 //! any detection probability) its existence stays.
 
-use super::real::{Real, smaller};
+use super::real::{Real, larger, smaller};
 
 /// Existence above which a virtual anchor counts.
 pub const CONFIRMED: f32 = 0.5;
@@ -75,9 +75,9 @@ impl<T: Real> EnvironmentMemory<T> {
     /// Enters the outcome of a scan in which a path had the probability `detection`.
     pub fn remember(&mut self, slot: usize, existence: T, seen: bool, detection: T) {
         if let Some(record) = &mut self.records[slot] {
-            if seen || detection > T::of(HIDDEN) {
-                record.existence = smaller(existence, T::of(MOST_CERTAIN));
-            }
+            let hidden = detection <= T::of(HIDDEN);
+            let existence = if hidden { larger(existence, record.existence) } else { existence };
+            record.existence = smaller(existence, T::of(MOST_CERTAIN));
             if seen {
                 record.misses = 0;
                 record.hits = record.hits.saturating_add(1);
