@@ -509,7 +509,16 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ) {
         let mut suspicion = Suspicion::default();
         for scan in scans {
-            self.suspect(scan, tag_height_m, &mut suspicion);
+            let source = Source::Direct { anchor: scan.anchor };
+            let Some(sight) = self.sight(scan.anchor, tag_height_m) else { continue };
+            let Some(regression) = self.filter.regress(source, &sight) else { continue };
+            let mut nearest = f32::INFINITY;
+            for measurement in &scan.measurements {
+                let innovation = measurement.range_m - regression.range_m;
+                let variance = regression.variance_m2() + measurement.variance_m2;
+                nearest = smaller(nearest, innovation * innovation / variance);
+            }
+            suspicion.enter(self.detection(source, scan), nearest);
         }
         if !suspicion.is_raised() {
             return;
@@ -521,25 +530,6 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let manoeuvre = self.surprise_nat(scans, tag_height_m);
         if !is_manoeuvre(motion, manoeuvre) {
             self.filter.undisturb(&predicted);
-        }
-    }
-
-    /// Enters an anchor's features: how near the scan's measurements come to what is expected of them.
-    fn suspect(&self, scan: &Scan<PATHS>, tag_height_m: Option<f32>, suspicion: &mut Suspicion) {
-        let anchor = scan.anchor;
-        let Some(sight) = self.sight(anchor, tag_height_m) else { return };
-        let direct = (Source::Direct { anchor }, 1.0);
-        let reflected = self.environment.iter().filter(|(_, record)| record.anchor == anchor);
-        let reflected = reflected.map(|(slot, record)| (Source::Virtual { anchor, slot }, record.existence));
-        for (source, existence) in core::iter::once(direct).chain(reflected) {
-            let Some(regression) = self.filter.regress(source, &sight) else { continue };
-            let mut nearest = f32::INFINITY;
-            for measurement in &scan.measurements {
-                let innovation = measurement.range_m - regression.range_m;
-                let variance = regression.variance_m2() + measurement.variance_m2;
-                nearest = smaller(nearest, innovation * innovation / variance);
-            }
-            suspicion.enter(existence * self.detection(source, scan), nearest);
         }
     }
 

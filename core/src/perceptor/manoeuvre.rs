@@ -2,8 +2,8 @@
 //!
 //! Somebody who turns on his heel changes his velocity by more than a metre per second within one cycle: ten deviations
 //! of an acceleration that fits the rest of his way. The next paths then lie outside all gates, and what lies inside
-//! belongs to something else. So where too little was found near what was expected, two hypotheses compete: the motion
-//! as configured, and one of [`ACCELERATION_FACTOR`] times the acceleration. With beliefs about feature k of
+//! belongs to something else. So where direct paths are not near where they are expected, two hypotheses compete (a virtual
+//! anchor that is off says as much about the map as about the motion, and does not count there): the motion as configured, and one of [`ACCELERATION_FACTOR`] times the acceleration. With beliefs about feature k of
 //! p(b_k = 0) = psi_k0 / sum_m psi_km nu_m, the log-likelihood of a scan is, up to what both have in common,
 //! - sum_k ln p(b_k = 0); the manoeuvre wins if it gains more than its own improbability costs.
 
@@ -14,16 +14,16 @@ use crate::real::{larger, ln};
 pub const ACCELERATION_FACTOR: f32 = 10.0;
 /// ln((1 - p) / p) of the probability p that a cycle is a manoeuvre: a turn every fifty cycles.
 const COST_NAT: f32 = 4.0;
-/// Features that are more probably seen than not count for the suspicion.
+/// Direct paths that are more probably seen than not count for the suspicion.
 const LIKELY: f32 = 0.5;
 /// Squared deviations within which a measurement lies near what is expected: 95 %.
 const NEAR: f32 = 4.0;
-/// Share of the features counted on that has a measurement near it, below which a manoeuvre is thought of.
+/// Share of those that have a measurement near them, below which a manoeuvre is thought of.
 const ENOUGH: f32 = 0.7;
 /// A belief is never more certain than this.
 const SUREST: f32 = 1e-6;
 
-/// How much of what was counted on was found where it was expected.
+/// How many of the direct paths counted on were found where they were expected.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Suspicion {
     expected: f32,
@@ -31,7 +31,7 @@ pub struct Suspicion {
 }
 
 impl Suspicion {
-    /// Enters a feature that a scan shows with probability `detection`, and the smallest normalised innovation squared
+    /// Enters a direct path that a scan shows with probability `detection`, and the smallest normalised innovation squared
     /// that any of the scan's measurements has to it.
     pub fn enter(&mut self, detection: f32, nearest: f32) {
         if detection > LIKELY {

@@ -441,25 +441,16 @@ impl<T: Real> Reference<T> {
 
     /// Widens the prediction where a manoeuvre explains the scans better by far.
     fn follow_manoeuvre(&mut self, scans: &[Scan<T>], elapsed_s: T, heights: &[T]) {
-        let mut features = Vec::new();
+        let mut direct = Vec::new();
         for scan in scans {
-            let sight = self.sight(scan.anchor, heights);
-            let mut sources = vec![(Source::Direct { anchor: scan.anchor }, T::ONE)];
-            for (slot, record) in self.environment.in_use() {
-                if record.anchor == scan.anchor {
-                    sources.push((Source::Virtual { anchor: scan.anchor, slot }, record.existence));
-                }
-            }
-            for (source, existence) in sources {
-                let line = self.filter.regress(source, &sight);
-                let nis = scan.measurements.iter().map(|measurement| {
-                    square(measurement.range_m - line.range_m)
-                        / (line.variance_m2() + measurement.variance_m2)
-                });
-                features.push((existence * self.detection(source, scan), nis.reduce(smaller)));
-            }
+            let source = Source::Direct { anchor: scan.anchor };
+            let line = self.filter.regress(source, &self.sight(scan.anchor, heights));
+            let nis = scan.measurements.iter().map(|measurement| {
+                square(measurement.range_m - line.range_m) / (line.variance_m2() + measurement.variance_m2)
+            });
+            direct.push((self.detection(source, scan), nis.reduce(smaller)));
         }
-        if !is_doubtful(&features) {
+        if !is_doubtful(&direct) {
             return;
         }
         let motion = self.surprise_nat(scans, heights);

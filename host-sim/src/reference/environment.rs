@@ -4,7 +4,7 @@
 //! above 1/2, and is forgotten below 1/1000 or after 200 scans without the path that was expected. While it is hidden (hardly
 //! any detection probability) its existence stays.
 
-use super::real::{Real, larger, smaller};
+use super::real::{Real, smaller};
 
 /// Existence above which a virtual anchor counts.
 pub const CONFIRMED: f32 = 0.5;
@@ -15,6 +15,8 @@ const MISSES: u16 = 200;
 /// Detection probability up to which it is hidden, and above which a path is expected.
 const HIDDEN: f32 = 0.1;
 const EXPECTED: f32 = 0.5;
+/// What a further miss counts for one that is hidden and was never seen.
+const REPEATED_LOOK: f32 = 0.2;
 /// No virtual anchor is more certain than this.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -75,9 +77,15 @@ impl<T: Real> EnvironmentMemory<T> {
     /// Enters the outcome of a scan in which a path had the probability `detection`.
     pub fn remember(&mut self, slot: usize, existence: T, seen: bool, detection: T) {
         if let Some(record) = &mut self.records[slot] {
-            let hidden = detection <= T::of(HIDDEN);
-            let existence = if hidden { larger(existence, record.existence) } else { existence };
-            record.existence = smaller(existence, T::of(MOST_CERTAIN));
+            let drop = record.existence - existence;
+            let mut next = existence;
+            if detection <= T::of(HIDDEN) && drop > T::ZERO {
+                next = record.existence;
+                if record.hits == 0 {
+                    next -= T::of(REPEATED_LOOK) * drop;
+                }
+            }
+            record.existence = smaller(next, T::of(MOST_CERTAIN));
             if seen {
                 record.misses = 0;
                 record.hits = record.hits.saturating_add(1);

@@ -1,6 +1,6 @@
 //! Manoeuvres: whether the tag moves as the motion prior has it.
 //!
-//! Where less than 0.7 of what is likely seen lies within two deviations of a measurement, the motion as configured
+//! Where less than 0.7 of the direct paths that are likely seen lie within two deviations of a measurement, the motion as configured
 //! competes with one of ten times the acceleration. The log-likelihood of a scan is - sum_k ln p(b_k = 0) up to what both
 //! have in common; the manoeuvre must gain 4 nats.
 
@@ -15,11 +15,11 @@ const NEAR: f32 = 4.0;
 const ENOUGH: f32 = 0.7;
 const SUREST: f32 = 1e-6;
 
-/// Whether the prediction is to be doubted: per feature its detection probability, and the smallest normalised innovation
+/// Whether the prediction is to be doubted: per direct path its detection probability, and the smallest normalised innovation
 /// squared of any measurement, where there is one.
-pub fn is_doubtful<T: Real>(features: &[(T, Option<T>)]) -> bool {
+pub fn is_doubtful<T: Real>(paths: &[(T, Option<T>)]) -> bool {
     let (mut expected, mut near) = (T::ZERO, T::ZERO);
-    for (detection, nearest) in features {
+    for (detection, nearest) in paths {
         if *detection > T::of(LIKELY) {
             expected += *detection;
             if nearest.is_some_and(|nis| nis < T::of(NEAR)) {
