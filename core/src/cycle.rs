@@ -21,18 +21,20 @@ use crate::perceptor::association::{
 use crate::perceptor::channel_estimator::ChannelEstimator;
 use crate::perceptor::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use crate::perceptor::loss::{LossMonitor, evidence_nat};
+use crate::perceptor::manoeuvre::{ACCELERATION_FACTOR, Suspicion, is_manoeuvre, surprise_nat};
+use crate::perceptor::overlap::{Arrival, Overlap};
 use crate::perceptor::state_filter::{Agent, Innovation, Regression, Sight, Source, StateFilter};
 use crate::pulse::Pulse;
-use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger, limited};
+use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger, limited, smaller};
 use crate::report::CycleReport;
 use crate::trace::TraceHash;
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4, Vector4};
 
-/// Detection probability of a path whose SINR is low: it may come back.
-const LEAST_DETECTION: f32 = 0.01;
-/// And of a virtual anchor that a floor plan tells of and that was never seen: most are hidden from most places.
-const UNSEEN_DETECTION: f32 = 0.1;
+/// Detection probability of a path that is hidden at present, and of a virtual anchor that a floor plan tells of and that
+/// was never seen: most are hidden from most places, and a few steps on another one comes out. No memory of misses
+/// may make it less, or a path that comes back would go to a false neighbour.
+const HIDDEN_DETECTION: f32 = 0.1;
 
 /// Virtual anchors of one anchor that are nearer than this may be one, metres.
 const NEAR_M: f32 = 0.3;
@@ -232,6 +234,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
         observer.stage(Stage::Associate);
         self.acquire(&scans, elapsed_s, tag_height_m);
+        if self.acquisition.is_none() {
+            self.follow_manoeuvre(&scans, elapsed_s, tag_height_m);
+        }
         let heard = self.associate(&scans, tag_height_m, observer);
 
         let mut report = self.blank_report();
@@ -539,6 +544,51 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
     }
 
+    /// Widens the prediction where a manoeuvre explains the scans far better than the motion as configured does.
+    #[inline(never)]
+    fn follow_manoeuvre(
+        &mut self,
+        scans: &Vec<Scan<PATHS>, ANCHORS>,
+        elapsed_s: f32,
+        tag_height_m: Option<f32>,
+    ) {
+        let mut suspicion = Suspicion::default();
+        for scan in scans {
+            let source = Source::Direct { anchor: scan.anchor };
+            let Some(sight) = self.sight(scan.anchor, tag_height_m) else { continue };
+            let Some(regression) = self.filter.regress(source, &sight) else { continue };
+            let mut nearest = f32::INFINITY;
+            for measurement in &scan.measurements {
+                let innovation = measurement.range_m - regression.range_m;
+                let variance = regression.variance_m2() + measurement.variance_m2;
+                nearest = smaller(nearest, innovation * innovation / variance);
+            }
+            suspicion.enter(self.detection(source, scan), nearest);
+        }
+        if !suspicion.is_raised() {
+            return;
+        }
+        let motion = self.surprise_nat(scans, tag_height_m);
+        let predicted = self.filter.agent_covariance();
+        let acceleration_std_m_s2 = ACCELERATION_FACTOR * self.config.motion.acceleration_std_m_s2;
+        self.filter.disturb(acceleration_std_m_s2, elapsed_s);
+        let manoeuvre = self.surprise_nat(scans, tag_height_m);
+        if !is_manoeuvre(motion, manoeuvre) {
+            self.filter.undisturb(&predicted);
+        }
+    }
+
+    /// What the scans have against the present prediction, nats.
+    fn surprise_nat(&self, scans: &Vec<Scan<PATHS>, ANCHORS>, tag_height_m: Option<f32>) -> f32 {
+        let mut surprise = 0.0;
+        for scan in scans {
+            if let Some(associated) = self.associate_scan(scan, tag_height_m) {
+                surprise += surprise_nat(associated.beliefs.features());
+            }
+        }
+        surprise
+    }
+
     /// Compares every scan with its anchor's features at the predicted state.
     fn associate<'a>(
         &self,
@@ -550,6 +600,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         for scan in scans {
             let anchor = scan.anchor;
             if let Some(associated) = self.associate_scan(scan, tag_height_m) {
+                observer.expectations(anchor, &associated.direct, &associated.virtual_anchors);
                 observer.beliefs(anchor, &associated.scan.measurements, &associated.beliefs);
                 // As many as scans: the push succeeds.
                 let _ = heard.push(associated);
@@ -573,7 +624,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             existence,
             detection,
         };
-        let direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
+        let mut direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
+        let mut direct_path = expectation(&direct, 1.0, self.detection(direct.source, scan));
         let mut virtual_anchors = Vec::new();
         let mut expectations: Vec<Expectation, VAS> = Vec::new();
         for (slot, record) in self.environment.iter() {
@@ -587,12 +639,12 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 let _ = expectations.push(expectation(&regression, existence, detection));
             }
         }
+        self.overlap(scan, (&mut direct, &mut direct_path), (&mut virtual_anchors, &mut expectations));
         let background = self.background(anchor);
         let clutter =
             Clutter { false_alarms_per_m: background.false_alarms_per_m, all_per_m: background.all_per_m };
         let viewpoint = self.viewpoint(anchor, tag_height_m)?;
         let claims = self.discovery.claim(anchor, &viewpoint, &scan.measurements, &background);
-        let direct_path = expectation(&direct, 1.0, self.detection(direct.source, scan));
         let mut beliefs =
             associate(&direct_path, &expectations, &scan.measurements, &claims.totals(), &clutter);
         if settings.mode == Mode::Map {
@@ -600,6 +652,54 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         let evidence_nat = evidence_nat(&scan.measurements, &direct_path, expectations.iter(), &clutter);
         Some(AssociatedScan { scan, direct, virtual_anchors, claims, beliefs, evidence_nat })
+    }
+
+    /// Takes into account that paths of a frame disturb each other: their ranges are worth less, and two may be found
+    /// as one.
+    #[inline(never)]
+    fn overlap(
+        &self,
+        scan: &Scan<PATHS>,
+        (direct, direct_path): (&mut Regression, &mut Expectation),
+        (virtual_anchors, expectations): (&mut Vec<Regression, VAS>, &mut Vec<Expectation, VAS>),
+    ) {
+        let Some(action) = self.controller.library().get(scan.action) else { return };
+        if !scan.framed {
+            return;
+        }
+        let pulse = Pulse { duration_s: action.pulse_duration_s, shape: self.config.radio.pulse_shape };
+        let arrival = |regression: &Regression, expectation: &Expectation| Arrival {
+            range_m: expectation.range_m,
+            presence: expectation.existence * expectation.detection,
+            sinr: self.channel.sinr(regression.source, scan.action),
+        };
+        let first = arrival(direct, direct_path);
+        let mut others: Vec<Arrival, VAS> = Vec::new();
+        for (regression, expectation) in virtual_anchors.iter().zip(expectations.iter()) {
+            // Capacities are equal: every push succeeds.
+            let _ = others.push(arrival(regression, expectation));
+        }
+        let apply = |overlap: &Overlap, regression: &mut Regression, expectation: &mut Expectation| {
+            regression.residual_m2 += overlap.variance_m2;
+            expectation.variance_m2 = regression.variance_m2();
+            expectation.detection = overlap.resolved(expectation.detection);
+        };
+        let mut overlap = Overlap::default();
+        for other in &others {
+            overlap.add(&pulse, &first, other);
+        }
+        apply(&overlap, direct, direct_path);
+        let features = virtual_anchors.iter_mut().zip(expectations);
+        for ((k, own), (regression, expectation)) in others.iter().enumerate().zip(features) {
+            let mut overlap = Overlap::default();
+            overlap.add(&pulse, own, &first);
+            for (l, other) in others.iter().enumerate() {
+                if l != k {
+                    overlap.add(&pulse, own, other);
+                }
+            }
+            apply(&overlap, regression, expectation);
+        }
     }
 
     /// Probability that the path of an existing source is found in a scan: of frames by its SINR as remembered.
@@ -610,13 +710,13 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         if self.channel.has_seen(source) {
             let sinr = self.channel.sinr(source, scan.action);
-            return limited(detection_probability(sinr, scan.threshold), LEAST_DETECTION, told);
+            return limited(detection_probability(sinr, scan.threshold), HIDDEN_DETECTION, told);
         }
         match source {
             Source::Virtual { slot, .. }
                 if self.environment.get(slot).is_some_and(|record| record.hits == 0) =>
             {
-                UNSEEN_DETECTION
+                HIDDEN_DETECTION
             }
             _ => told,
         }

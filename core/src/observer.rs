@@ -2,6 +2,7 @@
 
 use crate::perceptor::association::{Beliefs, Measurement};
 use crate::perceptor::channel_estimator::ChannelEstimate;
+use crate::perceptor::state_filter::Regression;
 
 /// The stages of a cycle, for those who watch it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +34,8 @@ pub trait Observer<const VAS: usize, const PATHS: usize> {
     fn stage(&mut self, _stage: Stage) {}
     /// The channel estimator's result for a frame.
     fn estimate(&mut self, _anchor: usize, _estimate: &ChannelEstimate<PATHS>) {}
+    /// What is expected of an anchor's direct path and of its virtual anchors, in the order of the beliefs that follow.
+    fn expectations(&mut self, _anchor: usize, _direct: &Regression, _virtual_anchors: &[Regression]) {}
     /// The measurements of an anchor and the beliefs about them.
     fn beliefs(&mut self, _anchor: usize, _measurements: &[Measurement], _beliefs: &Beliefs<VAS, PATHS>) {}
 }

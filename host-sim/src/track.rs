@@ -91,7 +91,6 @@ fn run<const A: usize>(
     let mut claimed = Vec::new();
     let mut innovations = Innovations::default();
     for (index, (cycle, input)) in recording.cycles.iter().zip(inputs(recording)).enumerate() {
-        innovations.expect(&tracker, &setup.anchors, &input);
         let step = step(&mut tracker, &input, &mut innovations)
             .map_err(|error| InputError::new(file, format!("cycle {index}: {error}")))?;
         if let Some([x, y]) = cycle.truth_position_m {

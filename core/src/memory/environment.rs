@@ -3,7 +3,8 @@
 //! The state filter holds where they are; this memory holds that they are. Existence follows the Bernoulli
 //! recursion r <- P_s r between scans and the association's posterior after each; a virtual anchor is confirmed
 //! above 0.5 and forgotten below 1e-3, or after 200 scans without the path that was expected. A virtual anchor that is
-//! hidden (its SINR says so) neither proves nor disproves that it exists, and keeps its existence.
+//! hidden (its SINR says so) neither proves nor disproves that it exists, and keeps its existence; one that was never seen
+//! loses it slowly.
 
 use crate::real::smaller;
 
@@ -14,9 +15,12 @@ const FORGOTTEN: f32 = 1e-3;
 /// Scans without a path, since the last with one, after which it is forgotten; only those in which one was expected
 /// count.
 const MISSES: u16 = 200;
-/// Detection probability below which a virtual anchor counts as hidden, and above which a path is expected.
+/// Detection probability up to which a virtual anchor counts as hidden, and above which a path is expected.
 const HIDDEN: f32 = 0.1;
 const EXPECTED: f32 = 0.5;
+/// What hides a virtual anchor that was never seen hides it for many cycles: five looks
+/// from there are worth one.
+const REPEATED_LOOK: f32 = 0.2;
 /// Existence is never certain: a wall can be taken down.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -71,13 +75,20 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
 
     /// Existence of the virtual anchor in `slot` before a scan: P_s r, or r where it is hidden.
     pub fn expected_existence(&self, slot: usize, survival: f32, detection: f32) -> f32 {
-        let survival = if detection < HIDDEN { 1.0 } else { survival };
+        let survival = if detection <= HIDDEN { 1.0 } else { survival };
         self.get(slot).map_or(0.0, |record| smaller(record.existence * survival, MOST_CERTAIN))
     }
 
     /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and how probable it was.
     pub fn remember(&mut self, slot: usize, existence: f32, seen: bool, detection: f32) {
         if let Some(Some(record)) = self.records.get_mut(slot) {
+            let drop = record.existence - existence;
+            // Where a path is hardly expected, having none tells little; having one tells as much as ever.
+            let existence = match detection <= HIDDEN && drop > 0.0 {
+                true if record.hits > 0 => record.existence,
+                true => record.existence - REPEATED_LOOK * drop,
+                false => existence,
+            };
             record.existence = smaller(existence, MOST_CERTAIN);
             if seen {
                 record.misses = 0;

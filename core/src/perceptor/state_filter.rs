@@ -516,6 +516,29 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         self.limit();
     }
 
+    /// After a prediction: as if the tag had accelerated at random over the same `elapsed_s` seconds by
+    /// `acceleration_std_m_s2` as well.
+    pub fn disturb(&mut self, acceleration_std_m_s2: f32, elapsed_s: f32) {
+        let dt = elapsed_s;
+        let from_velocity = acceleration_std_m_s2 * acceleration_std_m_s2 * (dt * dt);
+        let from_both = from_velocity * (0.5 * dt);
+        let from_position = from_both * (0.5 * dt);
+        let p = &mut self.covariance.xx;
+        p.m11 += from_position;
+        p.m22 += from_position;
+        p.m31 += from_both;
+        p.m42 += from_both;
+        p.m13 = p.m31;
+        p.m24 = p.m42;
+        p.m33 += from_velocity;
+        p.m44 += from_velocity;
+    }
+
+    /// Takes the last disturbance back; `predicted` is the covariance of position and velocity from before it.
+    pub fn undisturb(&mut self, predicted: &Matrix4<f32>) {
+        self.covariance.xx = *predicted;
+    }
+
     /// Scales back every state whose variance exceeds its limit.
     fn limit(&mut self) {
         let c = &mut self.covariance;

@@ -12,8 +12,10 @@ use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::information::position_entropy_nat;
 use super::loss::{LossMonitor, evidence_nat};
+use super::manoeuvre::{ACCELERATION_FACTOR, is_doubtful, is_manoeuvre, surprise_nat};
+use super::overlap::{Arrival, overlap};
 use super::pulse::Pulse;
-use super::real::{Real, abs, larger, limited, speed_of_light, square};
+use super::real::{Real, abs, larger, limited, smaller, speed_of_light, square};
 use super::state_filter::{Agent, Innovation, PX, PY, Prior, Regression, Sight, StateFilter, VX, VY};
 use cogmint_core::controller::library::Action;
 use cogmint_core::observation::{Frame, Observation, RangeScan};
@@ -23,10 +25,8 @@ use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-/// Least detection probability of a source that was seen before.
-const LEAST_DETECTION: f32 = 0.01;
-/// Detection probability of a virtual anchor that is on the map but was never seen.
-const UNSEEN_DETECTION: f32 = 0.1;
+/// Detection probability of a source that is hidden, and of a virtual anchor that is on the map but was never seen.
+const HIDDEN_DETECTION: f32 = 0.1;
 /// Virtual anchors nearer than this may be one, metres.
 const NEAR_M: f32 = 0.3;
 
@@ -227,6 +227,9 @@ impl<T: Real> Reference<T> {
             self.lose(last.clone());
         }
         self.acquire(&scans, elapsed_s, &heights);
+        if self.acquisition.is_none() {
+            self.follow_manoeuvre(&scans, elapsed_s, &heights);
+        }
 
         // All scans are associated, and all regressions taken, before the first update.
         let heard: Vec<_> = scans.into_iter().map(|scan| self.associate(scan, &heights)).collect();
@@ -468,6 +471,41 @@ impl<T: Real> Reference<T> {
         }
     }
 
+    // Follow a manoeuvre.
+
+    /// Widens the prediction where a manoeuvre explains the scans better by far.
+    fn follow_manoeuvre(&mut self, scans: &[Scan<T>], elapsed_s: T, heights: &[T]) {
+        let mut direct = Vec::new();
+        for scan in scans {
+            let source = Source::Direct { anchor: scan.anchor };
+            let line = self.filter.regress(source, &self.sight(scan.anchor, heights));
+            let nis = scan.measurements.iter().map(|measurement| {
+                square(measurement.range_m - line.range_m) / (line.variance_m2() + measurement.variance_m2)
+            });
+            direct.push((self.detection(source, scan), nis.reduce(smaller)));
+        }
+        if !is_doubtful(&direct) {
+            return;
+        }
+        let motion = self.surprise_nat(scans, heights);
+        let predicted = self.filter.agent_covariance();
+        let acceleration_std_m_s2 =
+            T::of(ACCELERATION_FACTOR) * T::of(self.config.motion.acceleration_std_m_s2);
+        self.filter.disturb(acceleration_std_m_s2, elapsed_s);
+        if !is_manoeuvre(motion, self.surprise_nat(scans, heights)) {
+            self.filter.undisturb(&predicted);
+        }
+    }
+
+    /// What all scans have against the present prediction.
+    fn surprise_nat(&self, scans: &[Scan<T>], heights: &[T]) -> T {
+        let mut surprise = T::ZERO;
+        for scan in scans {
+            surprise += surprise_nat(&self.associate(scan.clone(), heights).beliefs);
+        }
+        surprise
+    }
+
     // Associate.
 
     fn associate(&self, scan: Scan<T>, heights: &[T]) -> AssociatedScan<T> {
@@ -484,6 +522,21 @@ impl<T: Real> Reference<T> {
                 regressions.push(self.filter.regress(source, &sight));
                 existences.push(EnvironmentMemory::expected_existence(&record, survival, detection));
                 detections.push(detection);
+            }
+        }
+        if scan.framed {
+            let pulse = self.library.pulse(scan.action, &self.config.radio.pulse_shape);
+            let arrivals: Vec<_> = (0..regressions.len())
+                .map(|k| Arrival {
+                    range_m: regressions[k].range_m,
+                    presence: existences[k] * detections[k],
+                    sinr: self.channel.sinr(regressions[k].source, scan.action),
+                })
+                .collect();
+            for k in 0..regressions.len() {
+                let (variance_m2, detection) = overlap(&pulse, &arrivals, k, detections[k]);
+                regressions[k].residual_m2 += variance_m2;
+                detections[k] = detection;
             }
         }
         let mut expectations = Vec::new();
@@ -516,13 +569,13 @@ impl<T: Real> Reference<T> {
         }
         if self.channel.has_seen(source) {
             let sinr = self.channel.sinr(source, scan.action);
-            return limited(detection_probability(sinr, scan.threshold), T::of(LEAST_DETECTION), told);
+            return limited(detection_probability(sinr, scan.threshold), T::of(HIDDEN_DETECTION), told);
         }
         match source {
             Source::Virtual { slot, .. }
                 if self.environment.records[slot].is_some_and(|record| record.hits == 0) =>
             {
-                T::of(UNSEEN_DETECTION)
+                T::of(HIDDEN_DETECTION)
             }
             _ => told,
         }

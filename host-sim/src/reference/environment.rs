@@ -12,9 +12,11 @@ pub const CONFIRMED: f32 = 0.5;
 const FORGOTTEN: f32 = 1e-3;
 /// Misses after which it is forgotten.
 const MISSES: u16 = 200;
-/// Detection probability below which it is hidden, and above which a path is expected.
+/// Detection probability up to which it is hidden, and above which a path is expected.
 const HIDDEN: f32 = 0.1;
 const EXPECTED: f32 = 0.5;
+/// What a further miss counts for one that is hidden and was never seen.
+const REPEATED_LOOK: f32 = 0.2;
 /// No virtual anchor is more certain than this.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -68,14 +70,22 @@ impl<T: Real> EnvironmentMemory<T> {
 
     /// P_s r, or r of a hidden one.
     pub fn expected_existence(record: &Record<T>, survival: T, detection: T) -> T {
-        let survival = if detection < T::of(HIDDEN) { T::ONE } else { survival };
+        let survival = if detection <= T::of(HIDDEN) { T::ONE } else { survival };
         smaller(record.existence * survival, T::of(MOST_CERTAIN))
     }
 
     /// Enters the outcome of a scan in which a path had the probability `detection`.
     pub fn remember(&mut self, slot: usize, existence: T, seen: bool, detection: T) {
         if let Some(record) = &mut self.records[slot] {
-            record.existence = smaller(existence, T::of(MOST_CERTAIN));
+            let drop = record.existence - existence;
+            let mut next = existence;
+            if detection <= T::of(HIDDEN) && drop > T::ZERO {
+                next = record.existence;
+                if record.hits == 0 {
+                    next -= T::of(REPEATED_LOOK) * drop;
+                }
+            }
+            record.existence = smaller(next, T::of(MOST_CERTAIN));
             if seen {
                 record.misses = 0;
                 record.hits = record.hits.saturating_add(1);

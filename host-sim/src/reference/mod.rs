@@ -9,7 +9,8 @@
 //! | [`real`] | the number type: `f32` or `f64` |
 //! | [`pulse`], [`channel_estimator`] | frame to paths |
 //! | [`acquisition`] | where the tag is, at first |
-//! | [`association`] | paths to features |
+//! | [`overlap`], [`association`] | paths to features |
+//! | [`manoeuvre`] | whether the tag moves as expected |
 //! | [`state_filter`] | tag and virtual anchors |
 //! | [`environment`], [`channel_memory`] | what is remembered |
 //! | [`discovery`] | virtual anchors no plan told of |
@@ -37,6 +38,8 @@ pub mod discovery;
 pub mod environment;
 pub mod information;
 pub mod loss;
+pub mod manoeuvre;
+pub mod overlap;
 pub mod pulse;
 pub mod real;
 pub mod state_filter;

@@ -348,6 +348,27 @@ impl<T: Real> StateFilter<T> {
         self.limit();
     }
 
+    /// After a prediction over `dt`: a further random acceleration over the same time.
+    pub fn disturb(&mut self, acceleration_std_m_s2: T, dt: T) {
+        // Order: each is formed from the one before.
+        let velocity_noise = square(acceleration_std_m_s2) * square(dt);
+        let both_noise = velocity_noise * (T::of(0.5) * dt);
+        let position_noise = both_noise * (T::of(0.5) * dt);
+        for axis in 0..2 {
+            self.covariance[axis][axis] += position_noise;
+            let both = self.covariance[2 + axis][axis] + both_noise;
+            self.set_symmetric(2 + axis, axis, both);
+            self.covariance[2 + axis][2 + axis] += velocity_noise;
+        }
+    }
+
+    /// Puts the covariance of position and velocity back to `predicted`.
+    pub fn undisturb(&mut self, predicted: &Matrix<T>) {
+        for i in 0..AGENT {
+            self.covariance[i][..AGENT].copy_from_slice(&predicted[i]);
+        }
+    }
+
     /// C <- D C D, D diagonal, so that no variance exceeds its limit. Order: the factors of row and column first.
     fn limit(&mut self) {
         let size = self.mean.len();

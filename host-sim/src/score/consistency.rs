@@ -11,11 +11,10 @@
 //!
 //! Source: Bar-Shalom, Li, Kirubarajan 2001, section 5.4.
 
-use crate::replay::{ACTIONS, CycleInput, PATHS, VAS};
+use crate::replay::{PATHS, VAS};
 use cogmint_core::observer::Observer;
 use cogmint_core::perceptor::association::{Beliefs, Measurement};
-use cogmint_core::perceptor::state_filter::{Sight, Source};
-use cogmint_core::{Anchor, Tracker};
+use cogmint_core::perceptor::state_filter::Regression;
 use serde::Serialize;
 
 /// 95 % quantile of chi-square with two degrees of freedom: -2 ln 0.05.
@@ -64,42 +63,16 @@ struct Expected {
     variance_m2: f64,
 }
 
-/// The innovations of a run. Told the state before each cycle, it watches the cycle as an observer.
+/// The innovations of a run, whose cycles it watches as an observer.
 #[derive(Clone, Debug, Default)]
 pub struct Innovations {
-    /// By anchor: its direct path, then its virtual anchors by slot, as the beliefs have them.
-    expected: Vec<Vec<Expected>>,
+    /// Of the anchor whose beliefs come next: its direct path, then its virtual anchors.
+    expected: Vec<Expected>,
     weight: f64,
     squares: f64,
 }
 
 impl Innovations {
-    /// Predicts what the next cycle of `tracker` will compare `input` to, on a copy of its filter: the same bits.
-    pub fn expect<const A: usize>(
-        &mut self,
-        tracker: &Tracker<A, VAS, PATHS, ACTIONS>,
-        anchors: &[Anchor],
-        input: &CycleInput<'_>,
-    ) {
-        let mut filter = tracker.filter().clone();
-        filter.predict(input.elapsed_s);
-        let of_anchor = |(anchor, place): (usize, &Anchor)| {
-            let height_m = input.tag_height_m.map_or(0.0, |height| place.height_m - height);
-            let sight = Sight { anchor_m: place.position_m, height_m };
-            let own = tracker.environment().iter().filter(|(_, record)| record.anchor == anchor);
-            let reflected = own.map(|(slot, _)| Source::Virtual { anchor, slot });
-            std::iter::once(Source::Direct { anchor })
-                .chain(reflected)
-                .filter_map(|source| filter.regress(source, &sight))
-                .map(|line| Expected {
-                    range_m: f64::from(line.range_m),
-                    variance_m2: f64::from(line.variance_m2()),
-                })
-                .collect()
-        };
-        self.expected = anchors.iter().enumerate().map(of_anchor).collect();
-    }
-
     fn enter(&mut self, expected: Expected, measurement: &Measurement, probability: f64) {
         let innovation_m = f64::from(measurement.range_m) - expected.range_m;
         let variance_m2 = expected.variance_m2 + f64::from(measurement.variance_m2);
@@ -114,9 +87,16 @@ impl Innovations {
 }
 
 impl Observer<VAS, PATHS> for Innovations {
-    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
-        let expected = self.expected.get(anchor).cloned().unwrap_or_default();
-        for (expected, belief) in expected.into_iter().zip(beliefs.features()) {
+    fn expectations(&mut self, _anchor: usize, direct: &Regression, virtual_anchors: &[Regression]) {
+        let expected = |line: &Regression| Expected {
+            range_m: f64::from(line.range_m),
+            variance_m2: f64::from(line.variance_m2()),
+        };
+        self.expected = std::iter::once(direct).chain(virtual_anchors).map(expected).collect();
+    }
+
+    fn beliefs(&mut self, _anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
+        for (expected, belief) in std::mem::take(&mut self.expected).into_iter().zip(beliefs.features()) {
             for (measurement, probability) in measurements.iter().zip(&belief.associated) {
                 self.enter(expected, measurement, f64::from(*probability));
             }
