@@ -507,6 +507,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 bias_variance_m2,
                 all_per_m,
                 false_alarms_per_m: settings.clutter_per_anchor * per_m,
+                anywhere_per_m: per_m,
             };
             (scan.anchor, sweep)
         });

@@ -43,6 +43,8 @@ const PRIOR_GATE2: f32 = 36.0;
 const DOUBT: f32 = 4.0;
 /// Places lighter than this are dropped.
 const LIGHTEST: f32 = 1e-9;
+/// Places are proposed as long as all that are not among them weigh more than this.
+const NEWCOMER: f32 = 1e-5;
 /// Settled: this much weight at one place, in so many cycles with measurements since places were last proposed.
 const SETTLED_WEIGHT: f32 = 0.999_999;
 const SETTLED_CYCLES: u16 = 8;
@@ -77,6 +79,8 @@ pub struct Sweep<'a> {
     pub all_per_m: &'a [f32],
     /// Of these, false alarms.
     pub false_alarms_per_m: f32,
+    /// Density of a range that may be any, per metre: that of the longest.
+    pub anywhere_per_m: f32,
 }
 
 /// One place the tag may be at.
@@ -201,7 +205,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             return false;
         }
         self.scans = self.scans.saturating_add(1);
-        let newcomers_matter = self.newcomer_ln > ln(LIGHTEST);
+        let newcomers_matter = self.newcomer_ln > ln(NEWCOMER);
         let places = core::mem::take(&mut self.places);
         for place in &places {
             for branch in &place.hear(sweeps.clone(), &landmarks, None) {
@@ -216,9 +220,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         }
         for (anchor, sweep) in sweeps {
             self.remember(anchor, sweep.measurements);
-            for landmark in landmarks(anchor) {
-                self.newcomer_ln += ln(larger(1.0 - landmark.detection, 1e-6));
-            }
+            self.newcomer_ln += sweep.anywhere_ln(landmarks(anchor));
         }
         self.thin();
         if self.places.is_empty() {
@@ -614,6 +616,42 @@ impl Place {
 }
 
 impl Sweep<'_> {
+    /// Logarithm of the weight of a place that may be anywhere: every landmark's range is uniform up to the longest.
+    #[inline(never)]
+    fn anywhere_ln(&self, mut landmarks: impl Iterator<Item = Landmark>) -> f32 {
+        let mut left = [1.0_f32; 32];
+        let Some(direct) = landmarks.next() else { return 0.0 };
+        // The direct path is one of the ranges, or missing between two of them; either costs those that are shorter.
+        let density = direct.detection * self.anywhere_per_m;
+        let mut total = 0.0;
+        for (measurement, all_per_m) in self.measurements.iter().zip(self.all_per_m) {
+            // The next shorter range is where the gap before this one begins.
+            let mut before_m = 0.0;
+            for other in self.measurements {
+                if other.range_m < measurement.range_m {
+                    before_m = larger(before_m, other.range_m);
+                }
+            }
+            let gap = (measurement.range_m - before_m) * self.anywhere_per_m;
+            let cost = self.shorter_cost(measurement.range_m, 0.0);
+            total += cost * ((1.0 - direct.detection) * gap + density / all_per_m);
+        }
+        let mut weight_ln = ln(larger(total, 1e-12));
+        for landmark in landmarks {
+            let density = landmark.detection * self.anywhere_per_m;
+            let mut weight = 0.0;
+            for (left, all_per_m) in left.iter().zip(self.all_per_m).take(self.measurements.len()) {
+                weight += left * density / all_per_m;
+            }
+            let total = weight + (1.0 - landmark.detection);
+            weight_ln += ln(larger(total, 1e-12));
+            for (left, all_per_m) in left.iter_mut().zip(self.all_per_m).take(self.measurements.len()) {
+                *left *= larger(1.0 - *left * density / all_per_m / total, 0.0);
+            }
+        }
+        weight_ln
+    }
+
     /// First-arrival rule: what is clearly shorter than the direct path is a false alarm, whether the direct path itself
     /// is heard or not. The probability of that, relative to paths of unmapped virtual anchors.
     fn shorter_cost(&self, direct_m: f32, variance_m2: f32) -> f32 {
@@ -675,6 +713,7 @@ mod tests {
                     bias_variance_m2: 0.0,
                     all_per_m: &[0.2],
                     false_alarms_per_m: 0.03,
+                    anywhere_per_m: 0.03,
                 };
                 (anchor, sweep)
             });
@@ -742,6 +781,7 @@ mod tests {
             bias_variance_m2: 0.0,
             all_per_m: &[0.2],
             false_alarms_per_m: 0.03,
+            anywhere_per_m: 0.03,
         };
         let landmark =
             Landmark { position_m: [0.0, 0.0], covariance_m2: [0.0; 3], height_m: 0.0, detection: 0.95 };

@@ -44,6 +44,8 @@ const BRANCHES: usize = 8;
 const GATE2: f32 = 9.0;
 /// Weight, of the heaviest, below which a place is dropped.
 const LIGHTEST: f32 = 1e-9;
+/// Places are proposed as long as the others weigh more.
+const NEWCOMER: f32 = 1e-5;
 /// Settled: as much of the weight at one place, after as many scans.
 const SETTLED_WEIGHT: f32 = 0.999_999;
 const SETTLED_CYCLES: u16 = 8;
@@ -53,7 +55,6 @@ const NEAR_M: f32 = 0.3;
 const SAME2: f32 = 1.0;
 /// Least factors of a weight: by a feature, and of a newcomer by a scan before it came.
 const LEAST_FACTOR: f32 = 1e-12;
-const LEAST_MISSED: f32 = 1e-6;
 /// Share of a scan's likelihood below which a virtual anchor does not move the tag.
 const LEAST_SHARE: f32 = 1e-3;
 /// Most that one update may shrink a variance.
@@ -94,6 +95,8 @@ pub struct Sweep<T> {
     pub all_per_m: Vec<T>,
     /// That of false alarms among them.
     pub false_alarms_per_m: T,
+    /// Density of a range that is anywhere, per metre.
+    pub anywhere_per_m: T,
 }
 
 /// A place.
@@ -215,7 +218,7 @@ impl<T: Real> Acquisition<T> {
             return false;
         }
         self.scans = self.scans.saturating_add(1);
-        let newcomers_matter = self.newcomer_ln > ln(T::of(LIGHTEST));
+        let newcomers_matter = self.newcomer_ln > ln(T::of(NEWCOMER));
         for place in std::mem::take(&mut self.places) {
             self.offer(place.hear(sweeps, None));
         }
@@ -228,9 +231,7 @@ impl<T: Real> Acquisition<T> {
         // A place that comes later was heard by nobody up to here.
         for sweep in sweeps {
             self.remember(sweep);
-            for landmark in [&sweep.direct].into_iter().chain(&sweep.reflections) {
-                self.newcomer_ln += ln(larger(T::ONE - landmark.detection, T::of(LEAST_MISSED)));
-            }
+            self.newcomer_ln += sweep.anywhere_ln();
         }
         self.thin();
         if self.places.is_empty() {
@@ -617,6 +618,42 @@ impl<T: Real> Place<T> {
 }
 
 impl<T: Real> Sweep<T> {
+    /// What the sweep says of a place of which nothing is known: each landmark's range is anywhere up to the longest.
+    fn anywhere_ln(&self) -> T {
+        let count = self.measurements.len();
+        let floor = T::of(LEAST_FACTOR);
+        let mut total = T::ZERO;
+        for m in 0..count {
+            let range_m = self.measurements[m].range_m;
+            // The direct path is this range, or missing in the gap before it.
+            let mut before_m = T::ZERO;
+            for other in &self.measurements {
+                if other.range_m < range_m {
+                    before_m = larger(before_m, other.range_m);
+                }
+            }
+            let missing = (T::ONE - self.direct.detection) * ((range_m - before_m) * self.anywhere_per_m);
+            let heard = self.direct.detection * self.anywhere_per_m / self.all_per_m[m];
+            total += self.shorter_cost(range_m, T::ZERO) * (missing + heard);
+        }
+        let mut weight_ln = ln(larger(total, floor));
+        let mut left = vec![T::ONE; count];
+        for landmark in &self.reflections {
+            let density = landmark.detection * self.anywhere_per_m;
+            let mut weight = T::ZERO;
+            for m in 0..count {
+                weight += left[m] * density / self.all_per_m[m];
+            }
+            let total = weight + (T::ONE - landmark.detection);
+            weight_ln += ln(larger(total, floor));
+            for m in 0..count {
+                let share = left[m] * density / self.all_per_m[m] / total;
+                left[m] *= larger(T::ONE - share, T::ZERO);
+            }
+        }
+        weight_ln
+    }
+
     /// First-arrival rule: what is more than two deviations shorter than the direct path must be a false alarm.
     fn shorter_cost(&self, direct_m: T, variance_m2: T) -> T {
         let mut factor = T::ONE;

@@ -457,6 +457,7 @@ impl<T: Real> Reference<T> {
             bias_variance_m2: self.filter.bias_variance_m2(scan.anchor),
             all_per_m: acquisition.backgrounds(scan.anchor, &scan.measurements, all_per_m, unmapped, dt),
             false_alarms_per_m: background.false_alarms_per_m,
+            anywhere_per_m: T::ONE / T::of(self.config.ranging.max_range_m),
         }
     }
 
