@@ -21,7 +21,7 @@ use crate::perceptor::association::{
 use crate::perceptor::channel_estimator::ChannelEstimator;
 use crate::perceptor::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use crate::perceptor::loss::{LossMonitor, evidence_nat};
-use crate::perceptor::manoeuvre::{ACCELERATION_FACTOR, Suspicion, is_manoeuvre, surprise_nat};
+use crate::perceptor::manoeuvre::{ACCELERATION_FACTOR, Suspicion, is_manoeuvre};
 use crate::perceptor::overlap::{Arrival, Overlap};
 use crate::perceptor::state_filter::{Agent, Innovation, Regression, Sight, Source, StateFilter};
 use crate::pulse::Pulse;
@@ -75,6 +75,21 @@ impl<const PATHS: usize> Scan<PATHS> {
                 next = core::mem::replace(place, next);
             }
         }
+    }
+}
+
+/// What is expected of the features of one anchor: their regressions, and what association makes of them.
+struct Expected<const VAS: usize> {
+    direct: Regression,
+    direct_path: Expectation,
+    virtual_anchors: Vec<Regression, VAS>,
+    expectations: Vec<Expectation, VAS>,
+}
+
+impl<const VAS: usize> Expected<VAS> {
+    /// See [`evidence_nat`].
+    fn evidence_nat<const PATHS: usize>(&self, scan: &Scan<PATHS>, clutter: &Clutter) -> f32 {
+        evidence_nat(&scan.measurements, &self.direct_path, self.expectations.iter(), clutter)
     }
 }
 
@@ -569,25 +584,25 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         if !suspicion.is_raised() {
             return;
         }
-        let motion = self.surprise_nat(scans, tag_height_m);
+        let motion = self.evidence_nat(scans, tag_height_m);
         let predicted = self.filter.agent_covariance();
         let acceleration_std_m_s2 = ACCELERATION_FACTOR * self.config.motion.acceleration_std_m_s2;
         self.filter.disturb(acceleration_std_m_s2, elapsed_s);
-        let manoeuvre = self.surprise_nat(scans, tag_height_m);
+        let manoeuvre = self.evidence_nat(scans, tag_height_m);
         if !is_manoeuvre(motion, manoeuvre) {
             self.filter.undisturb(&predicted);
         }
     }
 
-    /// What the scans have against the present prediction, nats.
-    fn surprise_nat(&self, scans: &Vec<Scan<PATHS>, ANCHORS>, tag_height_m: Option<f32>) -> f32 {
-        let mut surprise = 0.0;
+    /// Evidence of all scans that the tag is where it is predicted to be, nats.
+    fn evidence_nat(&self, scans: &Vec<Scan<PATHS>, ANCHORS>, tag_height_m: Option<f32>) -> f32 {
+        let mut evidence = 0.0;
         for scan in scans {
-            if let Some(associated) = self.associate_scan(scan, tag_height_m) {
-                surprise += surprise_nat(associated.beliefs.features());
+            if let Some(expected) = self.expect(scan, tag_height_m) {
+                evidence += expected.evidence_nat(scan, &self.clutter(scan.anchor));
             }
         }
-        surprise
+        evidence
     }
 
     /// Compares every scan with its anchor's features at the predicted state.
@@ -617,7 +632,24 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         tag_height_m: Option<f32>,
     ) -> Option<AssociatedScan<'a, VAS, PATHS>> {
         let anchor = scan.anchor;
-        let settings = &self.config.association;
+        let expected = self.expect(scan, tag_height_m)?;
+        let clutter = self.clutter(anchor);
+        let evidence_nat = expected.evidence_nat(scan, &clutter);
+        let Expected { direct, virtual_anchors, direct_path, expectations } = expected;
+        let viewpoint = self.viewpoint(anchor, tag_height_m)?;
+        let claims = self.discovery.claim(anchor, &viewpoint, &scan.measurements, &self.background(anchor));
+        let mut beliefs =
+            associate(&direct_path, &expectations, &scan.measurements, &claims.totals(), &clutter);
+        if self.config.association.mode == Mode::Map {
+            beliefs.harden();
+        }
+        Some(AssociatedScan { scan, direct, virtual_anchors, claims, beliefs, evidence_nat })
+    }
+
+    /// What is expected of an anchor's features before a scan.
+    #[inline(never)]
+    fn expect(&self, scan: &Scan<PATHS>, tag_height_m: Option<f32>) -> Option<Expected<VAS>> {
+        let anchor = scan.anchor;
         let sight = self.sight(anchor, tag_height_m)?;
         let expectation = |regression: &Regression, existence: f32, detection: f32| Expectation {
             range_m: regression.range_m,
@@ -625,45 +657,36 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             existence,
             detection,
         };
-        let mut direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
-        let mut direct_path = expectation(&direct, 1.0, self.detection(direct.source, scan));
-        let mut virtual_anchors = Vec::new();
-        let mut expectations: Vec<Expectation, VAS> = Vec::new();
+        let direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
+        let direct_path = expectation(&direct, 1.0, self.detection(direct.source, scan));
+        let mut expected =
+            Expected { direct, direct_path, virtual_anchors: Vec::new(), expectations: Vec::new() };
         for (slot, record) in self.environment.iter() {
             if record.anchor == anchor {
                 let regression = self.filter.regress(Source::Virtual { anchor, slot }, &sight)?;
                 let detection = self.detection(regression.source, scan);
-                let survival = settings.survival_probability;
+                let survival = self.config.association.survival_probability;
                 let existence = self.environment.expected_existence(slot, survival, detection);
                 // One per slot at most: the pushes succeed.
-                let _ = virtual_anchors.push(regression);
-                let _ = expectations.push(expectation(&regression, existence, detection));
+                let _ = expected.virtual_anchors.push(regression);
+                let _ = expected.expectations.push(expectation(&regression, existence, detection));
             }
         }
-        self.overlap(scan, (&mut direct, &mut direct_path), (&mut virtual_anchors, &mut expectations));
+        self.overlap(scan, &mut expected);
+        Some(expected)
+    }
+
+    /// Intensities of what an anchor delivers that belongs to nothing known.
+    fn clutter(&self, anchor: usize) -> Clutter {
         let background = self.background(anchor);
-        let clutter =
-            Clutter { false_alarms_per_m: background.false_alarms_per_m, all_per_m: background.all_per_m };
-        let viewpoint = self.viewpoint(anchor, tag_height_m)?;
-        let claims = self.discovery.claim(anchor, &viewpoint, &scan.measurements, &background);
-        let mut beliefs =
-            associate(&direct_path, &expectations, &scan.measurements, &claims.totals(), &clutter);
-        if settings.mode == Mode::Map {
-            beliefs.harden();
-        }
-        let evidence_nat = evidence_nat(&scan.measurements, &direct_path, expectations.iter(), &clutter);
-        Some(AssociatedScan { scan, direct, virtual_anchors, claims, beliefs, evidence_nat })
+        Clutter { false_alarms_per_m: background.false_alarms_per_m, all_per_m: background.all_per_m }
     }
 
     /// Takes into account that paths of a frame disturb each other: their ranges are worth less, and two may be found
     /// as one.
     #[inline(never)]
-    fn overlap(
-        &self,
-        scan: &Scan<PATHS>,
-        (direct, direct_path): (&mut Regression, &mut Expectation),
-        (virtual_anchors, expectations): (&mut Vec<Regression, VAS>, &mut Vec<Expectation, VAS>),
-    ) {
+    fn overlap(&self, scan: &Scan<PATHS>, expected: &mut Expected<VAS>) {
+        let Expected { direct, direct_path, virtual_anchors, expectations } = expected;
         let Some(action) = self.controller.library().get(scan.action) else { return };
         if !scan.framed {
             return;

@@ -2,13 +2,10 @@
 //!
 //! Somebody who turns on his heel changes his velocity by more than a metre per second within one cycle: ten deviations
 //! of an acceleration that fits the rest of his way. The next paths then lie outside all gates, and what lies inside
-//! belongs to something else. So where direct paths are not near where they are expected, two hypotheses compete (a virtual
-//! anchor that is off says as much about the map as about the motion, and does not count there): the motion as configured, and one of [`ACCELERATION_FACTOR`] times the acceleration. With beliefs about feature k of
-//! p(b_k = 0) = psi_k0 / sum_m psi_km nu_m, the log-likelihood of a scan is, up to what both have in common,
-//! - sum_k ln p(b_k = 0); the manoeuvre wins if it gains more than its own improbability costs.
-
-use super::association::Belief;
-use crate::real::{larger, ln};
+//! belongs to something else. So where direct paths are not near where they are expected, two hypotheses compete: the motion
+//! as configured, and one of [`ACCELERATION_FACTOR`] times the acceleration. (A virtual anchor that is off says as much about
+//! the map as about the motion, and raises no suspicion.) Each is weighed by the evidence of the scans for the place that it
+//! predicts (see [`super::loss`]); the manoeuvre wins if it gains more than its own improbability costs.
 
 /// A manoeuvre's acceleration over the configured one.
 pub const ACCELERATION_FACTOR: f32 = 10.0;
@@ -20,8 +17,6 @@ const LIKELY: f32 = 0.5;
 const NEAR: f32 = 4.0;
 /// Share of those that have a measurement near them, below which a manoeuvre is thought of.
 const ENOUGH: f32 = 0.7;
-/// A belief is never more certain than this.
-const SUREST: f32 = 1e-6;
 
 /// How many of the direct paths counted on were found where they were expected.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -48,18 +43,9 @@ impl Suspicion {
     }
 }
 
-/// What beliefs have against the prediction that they rest on, nats; comparable between predictions for the same scans.
-pub fn surprise_nat<'a, const PATHS: usize>(beliefs: impl Iterator<Item = &'a Belief<PATHS>>) -> f32 {
-    let mut surprise = 0.0;
-    for belief in beliefs {
-        surprise += ln(larger(belief.missed, SUREST));
-    }
-    surprise
-}
-
-/// Whether it was a manoeuvre, by the surprise that each hypothesis leaves.
-pub fn is_manoeuvre(surprise_of_motion_nat: f32, surprise_of_manoeuvre_nat: f32) -> bool {
-    surprise_of_motion_nat - surprise_of_manoeuvre_nat > COST_NAT
+/// Whether it was a manoeuvre, by the evidence for the place that each hypothesis predicts.
+pub fn is_manoeuvre(evidence_of_motion_nat: f32, evidence_of_manoeuvre_nat: f32) -> bool {
+    evidence_of_manoeuvre_nat - evidence_of_motion_nat > COST_NAT
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::information::position_entropy_nat;
 use super::loss::{LossMonitor, evidence_nat};
-use super::manoeuvre::{ACCELERATION_FACTOR, is_doubtful, is_manoeuvre, surprise_nat};
+use super::manoeuvre::{ACCELERATION_FACTOR, is_doubtful, is_manoeuvre};
 use super::overlap::{Arrival, overlap};
 use super::pulse::Pulse;
 use super::real::{Real, abs, larger, limited, smaller, speed_of_light, square};
@@ -488,23 +488,23 @@ impl<T: Real> Reference<T> {
         if !is_doubtful(&direct) {
             return;
         }
-        let motion = self.surprise_nat(scans, heights);
+        let motion = self.evidence_nat(scans, heights);
         let predicted = self.filter.agent_covariance();
         let acceleration_std_m_s2 =
             T::of(ACCELERATION_FACTOR) * T::of(self.config.motion.acceleration_std_m_s2);
         self.filter.disturb(acceleration_std_m_s2, elapsed_s);
-        if !is_manoeuvre(motion, self.surprise_nat(scans, heights)) {
+        if !is_manoeuvre(motion, self.evidence_nat(scans, heights)) {
             self.filter.undisturb(&predicted);
         }
     }
 
-    /// What all scans have against the present prediction.
-    fn surprise_nat(&self, scans: &[Scan<T>], heights: &[T]) -> T {
-        let mut surprise = T::ZERO;
+    /// Evidence of all scans for the present prediction.
+    fn evidence_nat(&self, scans: &[Scan<T>], heights: &[T]) -> T {
+        let mut evidence = T::ZERO;
         for scan in scans {
-            surprise += surprise_nat(&self.associate(scan.clone(), heights).beliefs);
+            evidence += self.associate(scan.clone(), heights).evidence_nat;
         }
-        surprise
+        evidence
     }
 
     // Associate.
