@@ -8,9 +8,13 @@
 //!
 //! features one by one, the direct path first, nu_m being what earlier features left of measurement m, times
 //! lambda_fa / lambda for every measurement clearly shorter than the direct path would be: it must be a false alarm.
+//! lambda is larger near the ranges of the last two scans, because a path of an unmapped virtual anchor stays where it is:
+//! that it is there again says little for a place, and a shorter path that stays speaks against one.
 //!
-//! Places are proposed by the first scans: an early range puts the tag on a circle around its anchor, cut into
-//! [`DIRECTIONS`] arcs; each arc is weighed by the prior and by all measurements, and the heaviest stay.
+//! Places are proposed by the scans: an early range puts the tag on a circle around its anchor, cut into
+//! [`DIRECTIONS`] arcs; each arc is weighed by the prior and by all measurements, and the heaviest stay. What is among no
+//! places yet is weighed as well, as a tag that may be anywhere; until that has become too light to matter, every scan
+//! proposes places, and none is settled on.
 
 use super::association::Measurement;
 use super::state_filter::{Agent, DistanceRegression, Motion, predict_agent, regress_distance};
