@@ -1,0 +1,331 @@
+//! The perception-action cycle: receive, estimate, acquire or associate, update, remember, discover, reward, learn,
+//! plan, act.
+
+mod act;
+mod associate;
+mod discover;
+mod locate;
+mod receive;
+mod remember;
+mod update;
+
+use self::receive::build_estimator;
+use crate::anchor::{Anchor, MappedVirtualAnchor};
+use crate::config::Config;
+use crate::controller::Controller;
+use crate::controller::library::{Action, Library};
+use crate::controller::value::ActionValues;
+use crate::error::{Error, Setting};
+use crate::memory::channel::ChannelMemory;
+use crate::memory::environment::EnvironmentMemory;
+use crate::observation::{Frame, Observation};
+use crate::observer::{Observer, Stage};
+use crate::perceptor::acquisition::Acquisition;
+use crate::perceptor::channel_estimator::ChannelEstimator;
+use crate::perceptor::discovery::Discovery;
+use crate::perceptor::loss::LossMonitor;
+use crate::perceptor::state_filter::{Sight, StateFilter};
+use crate::pulse::Pulse;
+use crate::report::CycleReport;
+use crate::trace::TraceHash;
+use heapless::Vec;
+use nalgebra::Matrix2;
+
+/// The tracker: all state of the cognitive system, in fixed memory.
+#[derive(Clone, Debug)]
+pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize> {
+    config: Config,
+    anchors: Vec<Anchor, ANCHORS>,
+    /// Estimator for the pulse it was last used with; rebuilt when the pulse changes, so no state.
+    estimator: ChannelEstimator<PATHS>,
+    estimator_pulse: Pulse,
+
+    cycle: u32,
+    filter: StateFilter<ANCHORS, VAS>,
+    environment: EnvironmentMemory<VAS>,
+    channel: ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    discovery: Discovery<ANCHORS>,
+    /// While it is not known where the tag is.
+    acquisition: Option<Acquisition<ANCHORS>>,
+    loss: LossMonitor,
+    controller: Controller<ACTIONS>,
+    /// Mean number of measurements per scan that belong to nothing known.
+    unexplained: [f32; ANCHORS],
+    last_sequence: [Option<u32>; ANCHORS],
+}
+
+impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
+    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+{
+    /// A tracker at the start configured. `anchors`: 1 to `ANCHORS`; `map`: virtual anchors known a priori, at most
+    /// `VAS`; `actions`: 1 to `ACTIONS`; `seed`: of all randomness.
+    ///
+    /// # Errors
+    /// The first value out of range.
+    pub fn new(
+        config: Config,
+        anchors: &[Anchor],
+        map: &[MappedVirtualAnchor],
+        actions: &[Action],
+        seed: u64,
+    ) -> Result<Self, Error> {
+        config.validate()?;
+        let library = Library::new(actions)?;
+        let Some(first) = library.get(config.controller.first_action) else {
+            return Err(Error::Configuration(Setting::FirstAction));
+        };
+        if anchors.is_empty() {
+            return Err(Error::AnchorCount { given: 0, limit: ANCHORS });
+        }
+        let mut checked: Vec<Anchor, ANCHORS> = Vec::new();
+        for (index, anchor) in anchors.iter().enumerate() {
+            anchor.check(index)?;
+            checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
+        }
+        if map.len() > VAS {
+            return Err(Error::VirtualAnchorCount { given: map.len(), limit: VAS });
+        }
+        let Config { start, ranging, .. } = config;
+        let mut filter = StateFilter::new(
+            config.motion,
+            start.position_m,
+            start.position_std_m,
+            start.velocity_std_m_s,
+            ranging.bias_mean_m,
+            ranging.bias_std_m,
+        );
+        let start = filter.agent();
+        let mut environment = EnvironmentMemory::default();
+        for (slot, mapped) in map.iter().enumerate() {
+            mapped.check(slot, anchors.len())?;
+            let std_m = if config.exact_map { 0.0 } else { mapped.std_m };
+            filter.insert_independent(slot, mapped.position_m, std_m);
+            environment.insert(slot, mapped.anchor, 0.9, 0);
+        }
+        let pulse = Pulse { duration_s: first.pulse_duration_s, shape: config.radio.pulse_shape };
+        let association = &config.association;
+        let unexplained = association.clutter_per_anchor + association.unmapped_per_anchor;
+        Ok(Self {
+            config,
+            anchors: checked,
+            estimator: build_estimator(&config, pulse),
+            estimator_pulse: pulse,
+            cycle: 0,
+            filter,
+            environment,
+            channel: ChannelMemory::new(config.controller.prior_sinr),
+            discovery: Discovery::default(),
+            acquisition: Some(Acquisition::new(start)),
+            loss: LossMonitor::default(),
+            controller: Controller::new(config.controller, library, seed),
+            unexplained: [unexplained; ANCHORS],
+            last_sequence: [None; ANCHORS],
+        })
+    }
+
+    /// One cycle: what was received in the last `elapsed_s` seconds (one frame or scan per anchor at most, none for
+    /// anchors not heard), and the tag's height where it is known. Returns what was made of it and the next action.
+    ///
+    /// # Errors
+    /// The first bad input; nothing has changed then.
+    pub fn cycle(
+        &mut self,
+        observations: &[Observation<'_>],
+        elapsed_s: f32,
+        tag_height_m: Option<f32>,
+    ) -> Result<CycleReport, Error> {
+        self.cycle_observed(observations, elapsed_s, tag_height_m, &mut ())
+    }
+
+    /// [`Self::cycle`] under the eyes of an observer.
+    ///
+    /// # Errors
+    /// The first bad input; nothing has changed then.
+    pub fn cycle_observed(
+        &mut self,
+        observations: &[Observation<'_>],
+        elapsed_s: f32,
+        tag_height_m: Option<f32>,
+        observer: &mut impl Observer<VAS, PATHS>,
+    ) -> Result<CycleReport, Error> {
+        observer.stage(Stage::Receive);
+        self.check(observations, elapsed_s, tag_height_m)?;
+
+        observer.stage(Stage::Estimate);
+        let scans = self.estimate(observations, observer);
+
+        observer.stage(Stage::Predict);
+        let last = self.filter.agent();
+        let previous = last.covariance;
+        self.filter.predict(elapsed_s);
+        let before = self.filter.agent();
+        let predicted = before.covariance;
+        self.discovery.predict(&last, &before, elapsed_s);
+        if self.acquisition.is_none()
+            && LossMonitor::is_too_wide(before.covariance.m11, before.covariance.m22)
+        {
+            self.lose(last);
+        }
+
+        observer.stage(Stage::Associate);
+        self.acquire(&scans, elapsed_s, tag_height_m);
+        if self.acquisition.is_none() {
+            self.follow_manoeuvre(&scans, elapsed_s, tag_height_m);
+        }
+        let heard = self.associate(&scans, tag_height_m, observer);
+
+        let mut report = self.blank_report();
+        if self.acquisition.is_none() {
+            report.lost = self.watch(&heard);
+        }
+        report.acquiring = self.acquisition.is_some();
+        report.left_out = scans.iter().fold(0, |sum, scan| sum + scan.left_out);
+        if !report.acquiring {
+            observer.stage(Stage::Update);
+            let before = self.filter.agent();
+            self.update(&heard);
+            let after = self.filter.agent();
+            self.discovery.follow(&before, &after);
+
+            observer.stage(Stage::Remember);
+            self.remember(&heard, &mut report);
+            report.nis = Self::normalised_innovation(&heard);
+
+            observer.stage(Stage::Discover);
+            if !self.loss.is_doubtful() {
+                self.discover(&heard, tag_height_m, &mut report);
+            }
+        }
+        let posterior = self.filter.agent_covariance();
+
+        observer.stage(Stage::Act);
+        // The reward belongs to the action received with, which need not be the one that was asked for.
+        let framed = heard.iter().find(|associated| associated.scan.framed);
+        let applied = framed.map_or(self.controller.action_index(), |associated| associated.scan.action);
+        report.action = applied;
+        self.act(&previous, &predicted, &posterior, elapsed_s, tag_height_m, &mut report);
+
+        self.finish(observations);
+        observer.stage(Stage::Done);
+        Ok(report)
+    }
+
+    /// Counts the cycle and the frames seen.
+    fn finish(&mut self, observations: &[Observation<'_>]) {
+        for observation in observations {
+            if let Observation::Frame(Frame { anchor, sequence: Some(sequence), .. }) = *observation
+                && let Some(last) = self.last_sequence.get_mut(anchor)
+            {
+                *last = Some(sequence);
+            }
+        }
+        self.cycle = self.cycle.wrapping_add(1);
+    }
+
+    /// Where an anchor is seen from the tag.
+    fn sight(&self, anchor: usize, tag_height_m: Option<f32>) -> Option<Sight> {
+        let anchor = self.anchors.get(anchor)?;
+        let height_m = tag_height_m.map_or(0.0, |height| anchor.height_m - height);
+        Some(Sight { anchor_m: anchor.position_m, height_m })
+    }
+
+    fn blank_report(&self) -> CycleReport {
+        let next = self.controller.action().copied();
+        CycleReport {
+            cycle: self.cycle,
+            position_m: [0.0, 0.0],
+            position_covariance_m2: Matrix2::new(0.0, 0.0, 0.0, 0.0),
+            predicted_entropy_nat: 0.0,
+            entropy_nat: 0.0,
+            reward: 0.0,
+            anchors_heard: 0,
+            measurements: 0,
+            left_out: 0,
+            associated: 0,
+            acquiring: false,
+            lost: false,
+            nis: 0.0,
+            discovered: 0,
+            forgotten: 0,
+            map_full: 0,
+            action: self.controller.action_index(),
+            next_action: self.controller.action_index(),
+            next: next.unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
+        }
+    }
+
+    /// The state filter.
+    pub fn filter(&self) -> &StateFilter<ANCHORS, VAS> {
+        &self.filter
+    }
+
+    /// The environment memory.
+    pub fn environment(&self) -> &EnvironmentMemory<VAS> {
+        &self.environment
+    }
+
+    /// The channel memory.
+    pub fn channel(&self) -> &ChannelMemory<ANCHORS, VAS, ACTIONS> {
+        &self.channel
+    }
+
+    /// The candidates for virtual anchors.
+    pub fn discovery(&self) -> &Discovery<ANCHORS> {
+        &self.discovery
+    }
+
+    /// The places the tag may be at, while it is not known.
+    pub fn acquisition(&self) -> Option<&Acquisition<ANCHORS>> {
+        self.acquisition.as_ref()
+    }
+
+    /// Action values and policy.
+    pub fn controller(&self) -> (&ActionValues<ACTIONS>, &[f32; ACTIONS]) {
+        (self.controller.values(), self.controller.policy())
+    }
+
+    /// Mean number of measurements per scan of each anchor that nothing known explains.
+    pub fn unexplained(&self) -> &[f32; ANCHORS] {
+        &self.unexplained
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The action that the next frames should use.
+    pub fn action(&self) -> Option<&Action> {
+        self.controller.action()
+    }
+
+    /// 64-bit hash over all state: equal hashes after the same inputs mean equal bits.
+    pub fn hash(&self) -> u64 {
+        let mut hash = TraceHash::default();
+        hash.word(self.cycle);
+        hash.word(self.controller.action_index() as u32);
+        self.filter.visit(|v| hash.float(v));
+        for (slot, record) in self.environment.iter() {
+            hash.word(slot as u32);
+            hash.word(record.anchor as u32);
+            hash.float(record.existence);
+            hash.word(u32::from(record.misses));
+            hash.word(record.hits);
+        }
+        self.channel.visit(|v| hash.float(v));
+        self.discovery.visit(|v| hash.float(v));
+        hash.word(u32::from(self.acquisition.is_some()));
+        if let Some(acquisition) = &self.acquisition {
+            acquisition.visit(|v| hash.float(v));
+        }
+        self.loss.visit(|v| hash.float(v));
+        let (values, policy) = (self.controller.values().values(), self.controller.policy());
+        values.iter().chain(policy).for_each(|v| hash.float(*v));
+        self.unexplained.iter().for_each(|v| hash.float(*v));
+        for last in self.last_sequence {
+            hash.word(u32::from(last.is_some()));
+            hash.word(last.unwrap_or(0));
+        }
+        hash.value()
+    }
+}

@@ -1,0 +1,208 @@
+//! What is received becomes one scan of measurements per anchor: bad input is refused, frames become paths.
+
+use super::Tracker;
+use crate::config::Config;
+use crate::error::Error;
+use crate::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
+use crate::observer::Observer;
+use crate::perceptor::association::Measurement;
+use crate::perceptor::channel_estimator::ChannelEstimator;
+use crate::pulse::Pulse;
+use crate::real::{SPEED_OF_LIGHT_M_S, abs};
+use heapless::Vec;
+
+/// What an anchor delivered, as measurements, and the action its frame was received with.
+pub(super) struct Scan<const PATHS: usize> {
+    pub(super) anchor: usize,
+    pub(super) action: usize,
+    pub(super) measurements: Vec<Measurement, PATHS>,
+    /// Whether a frame was received: only then does a missing path say something about the carrier.
+    pub(super) framed: bool,
+    /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
+    pub(super) threshold: f32,
+    /// Ranges and paths that there was no room for.
+    pub(super) left_out: u32,
+}
+
+impl<const PATHS: usize> Scan<PATHS> {
+    /// Takes a range in; where all places are taken, in the place of the one that tells least, if that is worse: the
+    /// larger variance, then the longer, then the later. The others keep their order.
+    fn take_range(&mut self, measurement: Measurement) {
+        let Err(measurement) = self.measurements.push(measurement) else { return };
+        self.left_out += 1;
+        let is_worse = |a: &Measurement, b: &Measurement| {
+            a.variance_m2 > b.variance_m2 || (a.variance_m2 == b.variance_m2 && a.range_m > b.range_m)
+        };
+        let mut worst: Option<(usize, Measurement)> = None;
+        for (index, kept) in self.measurements.iter().enumerate() {
+            if worst.is_none_or(|(_, worst)| !is_worse(&worst, kept)) {
+                worst = Some((index, *kept));
+            }
+        }
+        let Some((index, worst)) = worst else { return };
+        if is_worse(&worst, &measurement) {
+            // The later ones move up from behind.
+            let mut next = measurement;
+            for place in self.measurements.iter_mut().skip(index).rev() {
+                next = core::mem::replace(place, next);
+            }
+        }
+    }
+}
+
+impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
+    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+{
+    /// Refuses bad input before anything is touched.
+    pub(super) fn check(
+        &self,
+        observations: &[Observation<'_>],
+        elapsed_s: f32,
+        tag_height_m: Option<f32>,
+    ) -> Result<(), Error> {
+        if !(elapsed_s > 0.0 && elapsed_s <= 3600.0) {
+            return Err(Error::Time { elapsed_s });
+        }
+        if let Some(height) = tag_height_m
+            && !(abs(height) <= 1000.0)
+        {
+            return Err(Error::TagHeight);
+        }
+        let rules = FrameRules {
+            samples: self.config.radio.samples_per_frame,
+            full_scale: self.config.radio.full_scale,
+            max_range_m: self.config.ranging.max_range_m,
+        };
+        let mut framed = [false; ANCHORS];
+        let mut ranged = [false; ANCHORS];
+        for observation in observations {
+            let anchor = observation.anchor();
+            if anchor >= self.anchors.len() {
+                return Err(Error::UnknownAnchor { anchor });
+            }
+            let seen = match observation {
+                Observation::Frame(_) => framed.get_mut(anchor),
+                Observation::Ranges(_) => ranged.get_mut(anchor),
+            };
+            let Some(seen) = seen else { return Err(Error::UnknownAnchor { anchor }) };
+            if core::mem::replace(seen, true) {
+                return Err(Error::DuplicateFrame { anchor });
+            }
+            match observation {
+                Observation::Frame(frame) => {
+                    if self.controller.library().get(frame.action).is_none() {
+                        return Err(Error::UnknownAction { action: frame.action });
+                    }
+                    if let (Some(sequence), Some(Some(last))) =
+                        (frame.sequence, self.last_sequence.get(anchor))
+                        && sequence == *last
+                    {
+                        return Err(Error::DuplicateFrame { anchor });
+                    }
+                    check_frame(frame, &rules)?;
+                }
+                Observation::Ranges(scan) => check_scan(scan, rules.max_range_m)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Frames become paths, and paths and ranges become one scan of measurements per anchor heard.
+    pub(super) fn estimate(
+        &mut self,
+        observations: &[Observation<'_>],
+        observer: &mut impl Observer<VAS, PATHS>,
+    ) -> Vec<Scan<PATHS>, ANCHORS> {
+        let mut scans: Vec<Scan<PATHS>, ANCHORS> = Vec::new();
+        for anchor in 0..self.anchors.len() {
+            let mut scan = Scan {
+                anchor,
+                action: self.controller.action_index(),
+                measurements: Vec::new(),
+                framed: false,
+                threshold: 0.0,
+                left_out: 0,
+            };
+            let mut heard = false;
+            // Ranges first: they outrank the paths near them.
+            for observation in observations {
+                match observation {
+                    Observation::Ranges(ranges) if ranges.anchor == anchor => {
+                        self.take_ranges(ranges, &mut scan);
+                        heard = true;
+                    }
+                    _ => {}
+                }
+            }
+            for observation in observations {
+                match observation {
+                    Observation::Frame(frame) if frame.anchor == anchor => {
+                        self.take_frame(frame, &mut scan, observer);
+                        heard = true;
+                    }
+                    _ => {}
+                }
+            }
+            if heard {
+                // One per anchor: the push succeeds.
+                let _ = scans.push(scan);
+            }
+        }
+        scans
+    }
+
+    fn take_ranges(&self, scan: &RangeScan<'_>, into: &mut Scan<PATHS>) {
+        for range in scan.ranges {
+            let variance_m2 = self.measurement_variance(range.variance_m2);
+            into.take_range(Measurement { range_m: range.range_m, variance_m2, sinr: 0.0, energy: 0.0 });
+        }
+    }
+
+    // Stages are kept apart so that each reuses the stack of the one before.
+    #[inline(never)]
+    fn take_frame(
+        &mut self,
+        frame: &Frame<'_>,
+        into: &mut Scan<PATHS>,
+        observer: &mut impl Observer<VAS, PATHS>,
+    ) {
+        let Some(action) = self.controller.library().get(frame.action) else { return };
+        let pulse = Pulse { duration_s: action.pulse_duration_s, shape: self.config.radio.pulse_shape };
+        if pulse != self.estimator_pulse {
+            self.estimator = build_estimator(&self.config, pulse);
+            self.estimator_pulse = pulse;
+        }
+        let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
+        observer.estimate(frame.anchor, &estimate);
+        into.action = frame.action;
+        into.framed = true;
+        into.threshold = self.estimator.threshold();
+        let ranges = into.measurements.len();
+        let resolution_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
+        for path in &estimate.paths {
+            let range_m = path.range_m();
+            let near_range =
+                into.measurements.iter().take(ranges).any(|m| abs(m.range_m - range_m) < resolution_m);
+            if near_range || range_m <= 0.0 || range_m > self.config.ranging.max_range_m {
+                continue;
+            }
+            let variance_m2 = self.measurement_variance(pulse.range_variance_m2(path.sinr));
+            let [re, im] = path.amplitude;
+            let measurement =
+                Measurement { range_m, variance_m2, sinr: path.sinr, energy: re * re + im * im };
+            // Where ranges took up room, the latest paths are left out.
+            into.left_out += u32::from(into.measurements.push(measurement).is_err());
+        }
+    }
+
+    /// The variance the filter works with: inflated, and never below the floor.
+    fn measurement_variance(&self, variance_m2: f32) -> f32 {
+        let ranging = &self.config.ranging;
+        ranging.variance_inflation * variance_m2 + ranging.floor_m * ranging.floor_m
+    }
+}
+
+pub(super) fn build_estimator<const PATHS: usize>(config: &Config, pulse: Pulse) -> ChannelEstimator<PATHS> {
+    let radio = &config.radio;
+    ChannelEstimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame)
+}
