@@ -2,6 +2,8 @@
 
 use cogmint::experiment::tracking::slam_ranges::SlamRanges;
 use cogmint::recording::Recording;
+use cogmint::scenario::Scenario;
+use cogmint::simulator::Simulator;
 use cogmint::track::{Track, track};
 use std::path::Path;
 
@@ -78,4 +80,27 @@ fn a_tag_that_is_heard_is_not_said_to_be_lost() {
             assert!(!step.report.lost && !step.report.acquiring, "seed {seed}, cycle {}", step.report.cycle);
         }
     }
+}
+
+#[test]
+fn a_person_who_turns_on_his_heel_is_not_lost() {
+    // Walks at 1 m/s round the corner of the L: the motion prior allows a tenth of each turn.
+    let (scenario, _) = Scenario::find("l-shaped-office").unwrap();
+    for seed in [12, 13] {
+        let simulator = Simulator::new(&scenario, None, 0, Some(seed)).unwrap();
+        let recording = simulator.record(simulator.cycles(), || {});
+        let run = run(&recording, seed);
+        assert!(!run.score.diverged, "seed {seed}");
+        assert!(run.score.rmse_m.unwrap() < 0.1, "seed {seed}: {:?}", run.score.rmse_m);
+    }
+}
+
+#[test]
+fn a_radio_that_was_jammed_has_the_tag_again_fifteen_cycles_later() {
+    let simulator = cogmint::demo::seminar_room(2, 1000).unwrap();
+    let [from, to] = cogmint::demo::interfered(&simulator);
+    let run = cogmint::demo::run(&simulator, false, 2, || {}).unwrap();
+    let worst = |cycles: std::ops::Range<usize>| run.errors_m[cycles].iter().copied().fold(0.0, f64::max);
+    assert!(worst(from..to) > 0.5, "was not jammed");
+    assert!(worst(to + 15..run.errors_m.len()) < 0.05, "{}", worst(to + 15..run.errors_m.len()));
 }

@@ -133,3 +133,33 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
         Some(slot)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Existence after `scans` scans without a path that is there with probability `detection`.
+    fn after_misses(hits: u32, detection: f32, scans: usize) -> f32 {
+        let mut memory = EnvironmentMemory::<1>::default();
+        memory.insert(0, 0, 0.9, hits);
+        for _ in 0..scans {
+            let r = memory.expected_existence(0, 0.999, detection);
+            // Bernoulli: missed although it exists, or because it does not.
+            let missed = r * (1.0 - detection) / (1.0 - r * detection);
+            memory.remember(0, missed, false, detection);
+        }
+        memory.get(0).map_or(0.0, |record| record.existence)
+    }
+
+    #[test]
+    fn what_is_missed_where_it_is_expected_is_forgotten_and_what_is_hidden_is_not() {
+        assert!(after_misses(5, 0.95, 5) < FORGOTTEN);
+        assert!(after_misses(5, HIDDEN, 10_000) == 0.9);
+    }
+
+    #[test]
+    fn what_a_plan_tells_of_and_nobody_sees_fades_in_hundreds_of_scans() {
+        assert!(after_misses(0, HIDDEN, 100) > CONFIRMED * 0.5);
+        assert!(after_misses(0, HIDDEN, 1000) < FORGOTTEN);
+    }
+}
