@@ -401,6 +401,7 @@ impl Comparison {
                 ("variance", a.variance_m2, b.variance_m2),
                 ("SINR", a.sinr, b.sinr),
                 ("energy", a.energy, b.energy),
+                ("density of false alarms", a.false_alarm, b.false_alarm),
             ];
             for (name, a, b) in numbers {
                 self.float(stage, format_args!("{name} of measurement {m} of anchor {anchor}"), a, b);

@@ -5,11 +5,14 @@ use crate::config::Config;
 use crate::error::Error;
 use crate::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::observer::Observer;
-use crate::perceptor::association::Measurement;
+use crate::perceptor::association::{Measurement, false_alarm};
 use crate::perceptor::channel_estimator::ChannelEstimator;
 use crate::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 use heapless::Vec;
+
+/// A path this much stronger may leave artefacts beside it, power ratio.
+const ARTEFACT_RATIO: f32 = 4.0;
 
 /// What an anchor delivered, as measurements, and the action its frame was received with.
 pub(super) struct Scan<const PATHS: usize> {
@@ -45,6 +48,23 @@ impl<const PATHS: usize> Scan<PATHS> {
             let mut next = measurement;
             for place in self.measurements.iter_mut().skip(index).rev() {
                 next = core::mem::replace(place, next);
+            }
+        }
+    }
+
+    /// Beside a path much stronger than itself, a path may be what the pulse's model left of that, however strong it is:
+    /// a false alarm like any other. Those before `first` are ranges.
+    #[inline(never)]
+    fn allow_artefacts(&mut self, first: usize, resolution_m: f32) {
+        for index in first..self.measurements.len() {
+            let Some(own) = self.measurements.get(index).copied() else { return };
+            let beside = self.measurements.iter().any(|other| {
+                abs(other.range_m - own.range_m) < resolution_m && other.sinr > ARTEFACT_RATIO * own.sinr
+            });
+            if let Some(measurement) = self.measurements.get_mut(index)
+                && beside
+            {
+                measurement.false_alarm = 1.0;
             }
         }
     }
@@ -154,7 +174,13 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     fn take_ranges(&self, scan: &RangeScan<'_>, into: &mut Scan<PATHS>) {
         for range in scan.ranges {
             let variance_m2 = self.measurement_variance(range.variance_m2);
-            into.take_range(Measurement { range_m: range.range_m, variance_m2, sinr: 0.0, energy: 0.0 });
+            into.take_range(Measurement {
+                range_m: range.range_m,
+                variance_m2,
+                sinr: 0.0,
+                energy: 0.0,
+                false_alarm: 1.0,
+            });
         }
     }
 
@@ -188,11 +214,17 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             }
             let variance_m2 = self.measurement_variance(pulse.range_variance_m2(path.sinr));
             let [re, im] = path.amplitude;
-            let measurement =
-                Measurement { range_m, variance_m2, sinr: path.sinr, energy: re * re + im * im };
+            let measurement = Measurement {
+                range_m,
+                variance_m2,
+                sinr: path.sinr,
+                energy: re * re + im * im,
+                false_alarm: false_alarm(path.sinr, into.threshold),
+            };
             // Where ranges took up room, the latest paths are left out.
             into.left_out += u32::from(into.measurements.push(measurement).is_err());
         }
+        into.allow_artefacts(ranges, resolution_m);
     }
 
     /// The variance the filter works with: inflated, and never below the floor.

@@ -239,7 +239,8 @@ mod tests {
                 let radius = (-uniform().ln() / 10.0).sqrt();
                 let angle = crate::real::TAU * uniform();
                 let energy = (1.0 + radius * angle.cos()).powi(2) + (radius * angle.sin()).powi(2);
-                let path = Measurement { range_m: 2.0, variance_m2: 1e-4, sinr: 10.0, energy };
+                let path =
+                    Measurement { range_m: 2.0, variance_m2: 1e-4, sinr: 10.0, energy, false_alarm: 1.0 };
                 memory.remember(source, 20, &library, &path, 1.0);
             }
             estimates.push(memory.sinr(source, 20));

@@ -16,14 +16,14 @@
 //! places yet is weighed as well, as a tag that may be anywhere; until that has become too light to matter, every scan
 //! proposes places, and none is settled on.
 
-use super::association::Measurement;
+use super::association::{Measurement, is_earlier};
 use super::state_filter::{Agent, DistanceRegression, Motion, predict_agent, regress_distance};
 use crate::real::{TAU, exp, larger, ln, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix4, Vector4};
 
 /// Places held at once.
-pub const PLACES: usize = 28;
+pub const PLACES: usize = 26;
 /// Arcs per circle, and the rotation from one to the next: 2 pi / 64.
 pub const DIRECTIONS: usize = 64;
 const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
@@ -456,10 +456,12 @@ impl Place {
         let Some(direct) = landmarks.clone().next() else { return };
         let (line, explained) = self.regress(&direct);
         if given.is_none() {
-            let shorter = sweep.shorter_cost(line.range_m + sweep.bias_m, explained + sweep.bias_variance_m2);
+            let expected = [line.range_m + sweep.bias_m, explained + sweep.bias_variance_m2];
+            let [expected_m, variance_m2] = expected;
+            let shorter = sweep.shorter_cost(expected_m, variance_m2);
             let mut missed = *self;
             missed.weight_ln += ln(larger((1.0 - direct.detection) * shorter, 1e-12));
-            missed.weigh_reflections(sweep, landmarks.clone().skip(1), None);
+            missed.weigh_reflections(sweep, landmarks.clone().skip(1), None, expected);
             keep_heaviest(grown, missed);
         }
         for (index, (measurement, all_per_m)) in sweep.measurements.iter().zip(sweep.all_per_m).enumerate() {
@@ -481,7 +483,12 @@ impl Place {
             if given.is_none() {
                 heard.correct(&line, explained, own, [1.0, innovation, innovation * innovation]);
             }
-            heard.weigh_reflections(sweep, landmarks.clone().skip(1), Some(index));
+            heard.weigh_reflections(
+                sweep,
+                landmarks.clone().skip(1),
+                Some(index),
+                [measurement.range_m, own],
+            );
             keep_heaviest(grown, heard);
         }
     }
@@ -499,13 +506,15 @@ impl Place {
         (line, line.explained_m2 + line.residual_m2)
     }
 
-    /// Weighs the place by the reflections of a sweep, one after the other, softly; `taken` is the direct path.
+    /// Weighs the place by the reflections of a sweep, one after the other, softly; `taken` is the direct path, and no
+    /// reflection is shorter than that, of this range and variance.
     #[inline(never)]
     fn weigh_reflections(
         &mut self,
         sweep: &Sweep<'_>,
         reflections: impl Iterator<Item = Landmark>,
         taken: Option<usize>,
+        [direct_m, direct_variance_m2]: [f32; 2],
     ) {
         // At most 32 ranges per sweep are told apart.
         let mut left = [1.0_f32; 32];
@@ -522,7 +531,7 @@ impl Place {
                 let innovation = measurement.range_m - sweep.bias_m - line.range_m;
                 let variance = explained + own;
                 let nis = innovation * innovation / variance;
-                if nis >= GATE2 {
+                if nis >= GATE2 || is_earlier(measurement, direct_m, direct_variance_m2) {
                     continue;
                 }
                 let density = landmark.detection * exp(-0.5 * nis) / sqrt(TAU * variance);
@@ -661,8 +670,8 @@ impl Sweep<'_> {
     fn shorter_cost(&self, direct_m: f32, variance_m2: f32) -> f32 {
         let mut factor = 1.0;
         for (other, all_per_m) in self.measurements.iter().zip(self.all_per_m) {
-            if other.range_m < direct_m - 2.0 * sqrt(variance_m2 + other.variance_m2) {
-                factor *= self.false_alarms_per_m / all_per_m;
+            if is_earlier(other, direct_m, variance_m2) {
+                factor *= other.false_alarm * self.false_alarms_per_m / all_per_m;
             }
         }
         factor
@@ -706,7 +715,13 @@ mod tests {
         let mut acquisition = Acquisition::<3>::new(prior);
         let ranges = ANCHORS.map(|[x, y]| {
             let range_m = size * (7.0 - x).hypot(4.0 - y);
-            [Measurement { range_m, variance_m2: deviation_m * deviation_m, sinr: 0.0, energy: 0.0 }]
+            [Measurement {
+                range_m,
+                variance_m2: deviation_m * deviation_m,
+                sinr: 0.0,
+                energy: 0.0,
+                false_alarm: 1.0,
+            }]
         });
         for _ in 0..scans {
             acquisition.predict(&motion(), 0.1);
@@ -780,7 +795,13 @@ mod tests {
         acquisition.places.iter_mut().for_each(|place| place.weight_ln = f32::NAN);
         acquisition.newcomer_ln = f32::NAN;
         let sweep = Sweep {
-            measurements: &[Measurement { range_m: 8.0, variance_m2: 1e-4, sinr: 0.0, energy: 0.0 }],
+            measurements: &[Measurement {
+                range_m: 8.0,
+                variance_m2: 1e-4,
+                sinr: 0.0,
+                energy: 0.0,
+                false_alarm: 1.0,
+            }],
             bias_m: 0.0,
             bias_variance_m2: 0.0,
             all_per_m: &[0.2],

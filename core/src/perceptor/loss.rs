@@ -6,11 +6,12 @@
 //!
 //! ln (lambda + sum_k q_k N(z_m; mean_k, S_km)) - ln (lambda + sum_k q_k K(z_m - mean_k)),
 //!
-//! K a Cauchy density of one metre. How many measurements there are says nothing: a jammed radio is not a lost tag.
+//! K a Cauchy density of one metre. Ahead of the direct path only false alarms arrive, from here (lambda is lambda_fa, no
+//! virtual anchor counts), and those are weak: a strong path there says that the tag is nearer. How many measurements there are says nothing: a jammed radio is not a lost tag.
 //! The evidence against the place adds up, that for it pays doubt back but is not saved (Page's test). Where the
 //! prediction has become too wide for one Gaussian, the tag is as good as lost.
 
-use super::association::{Clutter, Expectation, Measurement};
+use super::association::{Clutter, Expectation, Measurement, is_earlier};
 use crate::real::{TAU, abs, exp, larger, ln, sqrt};
 
 /// Spread of the paths of a tag that is elsewhere, metres.
@@ -41,16 +42,17 @@ pub fn evidence_nat<'a>(
     let mut evidence_nat = 0.0;
     for measurement in measurements {
         let before_direct_m = direct.range_m - measurement.range_m;
-        let is_shorter = before_direct_m > 2.0 * sqrt(direct.variance_m2 + measurement.variance_m2);
-        let mut here = if is_shorter { clutter.false_alarms_per_m } else { clutter.all_per_m };
+        let is_earlier = is_earlier(measurement, direct.range_m, direct.variance_m2);
+        let false_alarms_per_m = measurement.false_alarm * clutter.false_alarms_per_m;
+        let mut here = if is_earlier { false_alarms_per_m } else { clutter.all_per_m };
         let later = 0.5 - 0.5 * before_direct_m / (ELSEWHERE_M + abs(before_direct_m));
-        let mut elsewhere = clutter.false_alarms_per_m + unmapped_per_m * later;
-        for feature in core::iter::once(direct).chain(virtual_anchors.clone()) {
+        let mut elsewhere = false_alarms_per_m + unmapped_per_m * later;
+        for (index, feature) in core::iter::once(direct).chain(virtual_anchors.clone()).enumerate() {
             let probability = feature.existence * feature.detection;
             let innovation = measurement.range_m - feature.range_m;
             let squared = innovation * innovation;
             let variance = feature.variance_m2 + measurement.variance_m2;
-            if squared < GATE2 * variance {
+            if squared < GATE2 * variance && !(is_earlier && index > 0) {
                 here += probability * exp(-0.5 * (squared / variance)) / sqrt(TAU * variance);
             }
             elsewhere += probability * (2.0 * ELSEWHERE_M / TAU) / (ELSEWHERE_M * ELSEWHERE_M + squared);
@@ -100,7 +102,13 @@ mod tests {
     fn evidence(ranges_m: &[f32], expected_m: &[f32]) -> f32 {
         let measurements: std::vec::Vec<_> = ranges_m
             .iter()
-            .map(|&range_m| Measurement { range_m, variance_m2: 0.0036, sinr: 0.0, energy: 0.0 })
+            .map(|&range_m| Measurement {
+                range_m,
+                variance_m2: 0.0036,
+                sinr: 0.0,
+                energy: 0.0,
+                false_alarm: 1.0,
+            })
             .collect();
         let features: std::vec::Vec<_> = expected_m.iter().map(|&range_m| expectation(range_m)).collect();
         evidence_nat(&measurements, &features[0], features[1..].iter(), &CLUTTER)
@@ -135,6 +143,19 @@ mod tests {
             monitor.is_lost()
         });
         assert!(cycles.is_some_and(|cycles| (2..=10).contains(&cycles)), "{cycles:?}");
+    }
+
+    #[test]
+    fn a_strong_path_ahead_of_the_direct_one_is_told_at_once_and_no_virtual_anchor_explains_it() {
+        let strong =
+            Measurement { range_m: 3.0, variance_m2: 0.0036, sinr: 1000.0, energy: 0.0, false_alarm: 1e-4 };
+        let weak = Measurement { false_alarm: 1.0, ..strong };
+        // A virtual anchor is believed to be just there.
+        let features = [expectation(4.0), expectation(3.0)];
+        let of = |measurement: Measurement| {
+            evidence_nat(&[measurement], &features[0], features[1..].iter(), &CLUTTER)
+        };
+        assert!(of(strong) < -10.0 && of(weak) > -4.0, "{} {}", of(strong), of(weak));
     }
 
     #[test]

@@ -13,7 +13,7 @@
 //!
 //! In the first scans places are proposed: each early range puts the tag on a circle around its anchor, cut into arcs.
 
-use super::association::Measurement;
+use super::association::{Measurement, is_earlier};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
 use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, predict_agent, regress_distance};
 use super::{Matrix, zeros};
@@ -26,7 +26,7 @@ const PRIOR_GATE2: f32 = 36.0;
 /// What the prior's variances grow by where it was wrong.
 const DOUBT: f32 = 4.0;
 /// Places held at once.
-const PLACES: usize = 28;
+const PLACES: usize = 26;
 /// Arcs per circle, and the turn from each to the next: cosine and sine of 2 pi / 64.
 const DIRECTIONS: usize = 64;
 const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
@@ -472,10 +472,11 @@ impl<T: Real> Place<T> {
         let line = self.regress(&sweep.direct);
         if given.is_none() {
             let expected_m = line.range_m + sweep.bias_m;
-            let shorter = sweep.shorter_cost(expected_m, line.variance_m2 + sweep.bias_variance_m2);
+            let variance_m2 = line.variance_m2 + sweep.bias_variance_m2;
+            let shorter = sweep.shorter_cost(expected_m, variance_m2);
             let mut missed = self.clone();
             missed.weight_ln += ln(larger((T::ONE - detection) * shorter, num(LEAST_FACTOR)));
-            missed.weigh_reflections(sweep, None);
+            missed.weigh_reflections(sweep, None, [expected_m, variance_m2]);
             keep_heaviest(grown, BRANCHES, missed);
         }
         for m in 0..sweep.measurements.len() {
@@ -499,7 +500,7 @@ impl<T: Real> Place<T> {
                 let second_m2 = square(innovation);
                 heard.correct(&line, &Shift { share: T::ONE, first_m: innovation, second_m2, noise_m2 });
             }
-            heard.weigh_reflections(sweep, Some(m));
+            heard.weigh_reflections(sweep, Some(m), [measurement.range_m, noise_m2]);
             keep_heaviest(grown, BRANCHES, heard);
         }
     }
@@ -516,7 +517,12 @@ impl<T: Real> Place<T> {
     }
 
     /// Weighs by the virtual anchors, one by one; `taken` is the direct path.
-    fn weigh_reflections(&mut self, sweep: &Sweep<T>, taken: Option<usize>) {
+    fn weigh_reflections(
+        &mut self,
+        sweep: &Sweep<T>,
+        taken: Option<usize>,
+        [direct_m, direct_variance_m2]: [T; 2],
+    ) {
         let num = T::of;
         let columns = sweep.measurements.len();
         let mut left = vec![T::ONE; columns];
@@ -532,7 +538,8 @@ impl<T: Real> Place<T> {
                 let innovation = sweep.measurements[m].range_m - sweep.bias_m - line.range_m;
                 let variance = line.variance_m2 + own;
                 let nis = square(innovation) / variance;
-                if nis < num(GATE2) {
+                let earlier = is_earlier(&sweep.measurements[m], direct_m, direct_variance_m2);
+                if nis < num(GATE2) && !earlier {
                     let density = landmark.detection * exp(num(-0.5) * nis) / sqrt(tau::<T>() * variance);
                     let p = left[m] * density / sweep.all_per_m[m];
                     shares[m] = p;
@@ -658,8 +665,8 @@ impl<T: Real> Sweep<T> {
     fn shorter_cost(&self, direct_m: T, variance_m2: T) -> T {
         let mut factor = T::ONE;
         for (other, all_per_m) in self.measurements.iter().zip(&self.all_per_m) {
-            if other.range_m < direct_m - T::of(2.0) * sqrt(variance_m2 + other.variance_m2) {
-                factor *= self.false_alarms_per_m / *all_per_m;
+            if is_earlier(other, direct_m, variance_m2) {
+                factor *= other.false_alarm * self.false_alarms_per_m / *all_per_m;
             }
         }
         factor

@@ -2,7 +2,9 @@
 
 use super::Matrix;
 use super::acquisition::{Acquisition, Landmark, Sweep};
-use super::association::{Beliefs, Clutter, Expectation, Measurement, associate, detection_probability};
+use super::association::{
+    Beliefs, Clutter, Expectation, Measurement, associate, detection_probability, false_alarm,
+};
 use super::channel_estimator::{ChannelEstimate, ChannelEstimator};
 use super::channel_memory::ChannelMemory;
 use super::controller::{
@@ -29,6 +31,7 @@ use rand_xoshiro::Xoshiro128PlusPlus;
 const HIDDEN_DETECTION: f32 = 0.1;
 /// Virtual anchors nearer than this may be one, metres.
 const NEAR_M: f32 = 0.3;
+const ARTEFACT_RATIO: f32 = 4.0;
 
 /// The sizes that are part of the core's type.
 #[derive(Clone, Copy, Debug)]
@@ -330,6 +333,7 @@ impl<T: Real> Reference<T> {
                 variance_m2: self.measurement_variance(T::of(range.variance_m2)),
                 sinr: T::ZERO,
                 energy: T::ZERO,
+                false_alarm: T::ONE,
             });
         }
         let mut best: Vec<usize> = (0..all.len()).collect();
@@ -369,7 +373,19 @@ impl<T: Real> Reference<T> {
                 variance_m2: self.measurement_variance(pulse.range_variance_m2(path.sinr)),
                 sinr: path.sinr,
                 energy: square(path.amplitude[0]) + square(path.amplitude[1]),
+                false_alarm: false_alarm(path.sinr, scan.threshold),
             });
+        }
+        // What lies beside a much stronger path may be a remainder of that.
+        for n in ranges.len()..scan.measurements.len() {
+            let own = scan.measurements[n].clone();
+            let beside = scan.measurements.iter().any(|other| {
+                abs(other.range_m - own.range_m) < resolution_m
+                    && other.sinr > T::of(ARTEFACT_RATIO) * own.sinr
+            });
+            if beside {
+                scan.measurements[n].false_alarm = T::ONE;
+            }
         }
         estimate
     }

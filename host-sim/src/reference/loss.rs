@@ -1,6 +1,6 @@
 //! Whether the tag is where the filter believes it to be: evidence of the measurements, scan by scan.
 
-use super::association::{Clutter, Expectation, Measurement};
+use super::association::{Clutter, Expectation, Measurement, is_earlier};
 use super::real::{Real, abs, exp, larger, ln, sqrt, square, tau};
 
 /// Spread of the paths of a tag that is elsewhere, metres.
@@ -27,20 +27,22 @@ pub fn evidence_nat<T: Real>(
     let half = T::of(0.5);
     let spread = T::of(ELSEWHERE_M);
     let Clutter { false_alarms_per_m, all_per_m } = *clutter;
+    let unmapped_per_m = all_per_m - false_alarms_per_m;
     let direct = &expectations[0];
     let mut evidence = T::ZERO;
     for z in measurements {
         // Before the direct path there are false alarms only. A tag elsewhere may be nearer.
         let ahead = direct.range_m - z.range_m;
-        let clearly = T::of(2.0) * sqrt(direct.variance_m2 + z.variance_m2);
+        let earlier = is_earlier(z, direct.range_m, direct.variance_m2);
+        let false_alarms_per_m = z.false_alarm * false_alarms_per_m;
         let nearer = half - half * ahead / (spread + abs(ahead));
-        let mut here = if ahead > clearly { false_alarms_per_m } else { all_per_m };
-        let mut elsewhere = false_alarms_per_m + (all_per_m - false_alarms_per_m) * nearer;
-        for feature in expectations {
+        let mut here = if earlier { false_alarms_per_m } else { all_per_m };
+        let mut elsewhere = false_alarms_per_m + unmapped_per_m * nearer;
+        for (k, feature) in expectations.iter().enumerate() {
             let shown = feature.existence * feature.detection;
             let squared = square(z.range_m - feature.range_m);
             let variance = feature.variance_m2 + z.variance_m2;
-            if squared < T::of(GATE2) * variance {
+            if squared < T::of(GATE2) * variance && (k == 0 || !earlier) {
                 here += shown * exp(T::of(-0.5) * (squared / variance)) / sqrt(tau::<T>() * variance);
             }
             // Cauchy.

@@ -4,7 +4,7 @@
 //! P_d = Q_1(sqrt(2 SINR), sqrt(2 kappa)) (Marcum). Here by Q_1(a, b) = Phi(a - b), Phi the normal distribution, and that
 //! by the logistic curve: within 0.08 of the exact value.
 
-use crate::real::{exp, larger, sqrt};
+use crate::real::{exp, larger, limited, sqrt};
 
 /// Logistic slope that comes closest to the normal distribution.
 const LOGISTIC: f32 = 1.702;
@@ -13,6 +13,17 @@ const LOGISTIC: f32 = 1.702;
 pub fn detection_probability(sinr: f32, threshold: f32) -> f32 {
     let above = sqrt(2.0 * larger(sinr, 0.0)) - sqrt(2.0 * larger(threshold, 0.0));
     1.0 / (1.0 + exp(-LOGISTIC * above))
+}
+
+/// Least density of false alarms of any strength, over that of all: what else a radio may do.
+const LEAST_FALSE_ALARM: f32 = 1e-4;
+
+/// Density of false alarms of `sinr` over that of all that pass `threshold`, 1e-4 to 1.
+///
+/// Noise of the level assumed passes an energy E with probability e^-E; of twice that level, which an estimated level may
+/// be off by, with e^(-E/2). Strong paths are no false alarms.
+pub fn false_alarm(sinr: f32, threshold: f32) -> f32 {
+    limited(exp(0.5 * (threshold - sinr)), LEAST_FALSE_ALARM, 1.0)
 }
 
 #[cfg(test)]

@@ -7,6 +7,11 @@ use heapless::Vec;
 /// Beyond this many standard deviations a measurement cannot belong to a feature.
 const GATE: f32 = 4.0;
 
+/// Whether a measurement is clearly, by two deviations, shorter than a direct path of this range and variance.
+pub fn is_earlier(measurement: &Measurement, direct_m: f32, variance_m2: f32) -> bool {
+    measurement.range_m < direct_m - 2.0 * sqrt(variance_m2 + measurement.variance_m2)
+}
+
 /// How a feature's beliefs are formed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stage {
@@ -99,6 +104,15 @@ impl<const PATHS: usize> Row<PATHS> {
         }
     }
 
+    /// No reflection arrives before the direct path, wherever its virtual anchor is believed to be.
+    fn rule_out_earlier_arrivals(&mut self, measurements: &Vec<Measurement, PATHS>, direct: &Expectation) {
+        for (factor, measurement) in self.psi.iter_mut().zip(measurements) {
+            if is_earlier(measurement, direct.range_m, direct.variance_m2) {
+                *factor = 0.0;
+            }
+        }
+    }
+
     /// First-arrival rule (see the head of [`super`]); two deviations count as clearly shorter.
     fn discount_later_arrivals(&mut self, measurements: &Vec<Measurement, PATHS>, clutter: &Clutter) {
         let cost = clutter.false_alarms_per_m / clutter.all_per_m;
@@ -106,7 +120,7 @@ impl<const PATHS: usize> Row<PATHS> {
             let clearly_shorter = measurement.range_m - 2.0 * sqrt(measurement.variance_m2);
             for other in measurements {
                 if other.range_m < clearly_shorter {
-                    *factor *= cost;
+                    *factor *= cost * other.false_alarm;
                 }
             }
         }
@@ -152,8 +166,10 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
         self.direct = Row::new(direct, measurements, claims, clutter);
         self.direct.discount_later_arrivals(measurements, clutter);
         for expectation in virtual_anchors {
+            let mut row = Row::new(expectation, measurements, claims, clutter);
+            row.rule_out_earlier_arrivals(measurements, direct);
             // Capacities are equal: every push succeeds.
-            let _ = self.virtual_anchors.push(Row::new(expectation, measurements, claims, clutter));
+            let _ = self.virtual_anchors.push(row);
         }
         for row in self.iter_mut() {
             row.mark_gated();

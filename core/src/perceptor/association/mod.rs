@@ -11,15 +11,18 @@
 //! three features by three measurements and nearly all that occur; the others go through loopy belief propagation.
 //!
 //! The direct path is the shortest: measurements below it can only be false alarms, not paths of virtual
-//! anchors yet unmapped. With lambda the intensity of both and lambda_fa that of false alarms alone, each
-//! measurement clearly shorter than m costs the hypothesis "m is the direct path" a factor lambda_fa / lambda.
+//! anchors, mapped or not. With lambda the intensity of all that belongs to nothing known and lambda_fa that of false
+//! alarms of the measurement's strength alone, each measurement clearly shorter than m costs the hypothesis "m is the
+//! direct path" a factor lambda_fa / lambda; and no virtual anchor gets one that is clearly shorter than the direct path is
+//! expected to be, because a map that is wrong would then explain away that the tag is elsewhere.
 
 mod belief_propagation;
 mod detection;
 mod exact;
 mod factors;
 
-pub use self::detection::detection_probability;
+pub use self::detection::{detection_probability, false_alarm};
+pub use self::factors::is_earlier;
 use crate::real::larger;
 use exact::{STATES, Trellis};
 use factors::{Rows, Stage, members};
@@ -37,6 +40,8 @@ pub struct Measurement {
     pub sinr: f32,
     /// Energy of the path, squared unit of the samples; 0 where nothing is known of it.
     pub energy: f32,
+    /// Density of false alarms of its strength over that of all false alarms, 0 to 1; 1 where nothing is known of it.
+    pub false_alarm: f32,
 }
 
 /// What is expected of one feature before the measurements arrive.
@@ -286,7 +291,13 @@ mod tests {
     }
 
     fn measurement(range_m: f32, deviation_m: f32) -> Measurement {
-        Measurement { range_m, variance_m2: deviation_m * deviation_m, sinr: 0.0, energy: 0.0 }
+        Measurement {
+            range_m,
+            variance_m2: deviation_m * deviation_m,
+            sinr: 0.0,
+            energy: 0.0,
+            false_alarm: 1.0,
+        }
     }
 
     /// Joint associations of one problem, enumerated one by one in f64.
@@ -301,14 +312,20 @@ mod tests {
     impl Enumeration {
         fn new(features: &[Expectation], measurements: &[Measurement], density: f64) -> Self {
             let columns = measurements.len();
-            let rows = features.iter().map(|feature| {
+            let direct = &features[0];
+            let earlier = |z: &Measurement| {
+                let variance = f64::from(direct.variance_m2) + f64::from(z.variance_m2);
+                f64::from(z.range_m) < f64::from(direct.range_m) - 2.0 * variance.sqrt()
+            };
+            let rows = features.iter().enumerate().map(|(k, feature)| {
                 let (existence, detection) = (f64::from(feature.existence), f64::from(feature.detection));
                 let missed = existence * (1.0 - detection) + (1.0 - existence);
                 let taken = measurements.iter().map(move |z| {
                     let variance = f64::from(feature.variance_m2) + f64::from(z.variance_m2);
                     let nis = (f64::from(z.range_m) - f64::from(feature.range_m)).powi(2) / variance;
                     let density_at = (-0.5 * nis).exp() / (core::f64::consts::TAU * variance).sqrt();
-                    if nis < 16.0 { existence * detection * density_at / density } else { 0.0 }
+                    let possible = nis < 16.0 && (k == 0 || !earlier(z));
+                    if possible { existence * detection * density_at / density } else { 0.0 }
                 });
                 core::iter::once(missed).chain(taken).collect()
             });

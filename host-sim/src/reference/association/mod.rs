@@ -21,7 +21,7 @@
 pub mod exact;
 
 use super::Matrix;
-use super::real::{Real, abs, exp, larger, sqrt, square, tau};
+use super::real::{Real, abs, exp, larger, limited, sqrt, square, tau};
 pub use cogmint_core::perceptor::association::Joint;
 
 /// Standard deviations beyond which a measurement cannot belong to a feature.
@@ -32,6 +32,7 @@ const TOLERANCE: f32 = 1e-4;
 const ITERATIONS: usize = 60;
 /// Slope of the logistic curve that is nearest to the normal distribution.
 const LOGISTIC: f32 = 1.702;
+const LEAST_FALSE_ALARM: f32 = 1e-4;
 
 /// One path or range.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +45,8 @@ pub struct Measurement<T> {
     pub sinr: T,
     /// Energy; 0 if unknown.
     pub energy: T,
+    /// Density of false alarms of its strength over that of all.
+    pub false_alarm: T,
 }
 
 /// What is expected of a feature.
@@ -101,6 +104,16 @@ pub fn detection_probability<T: Real>(sinr: T, threshold: T) -> T {
     T::ONE / (T::ONE + exp(-T::of(LOGISTIC) * above))
 }
 
+/// Whether a measurement lies two deviations or more ahead of a direct path.
+pub fn is_earlier<T: Real>(z: &Measurement<T>, direct_m: T, variance_m2: T) -> bool {
+    z.range_m < direct_m - T::of(2.0) * sqrt(variance_m2 + z.variance_m2)
+}
+
+/// How likely a false alarm is this strong, next to one that just passes the threshold.
+pub fn false_alarm<T: Real>(sinr: T, threshold: T) -> T {
+    limited(exp(T::of(0.5) * (threshold - sinr)), T::of(LEAST_FALSE_ALARM), T::ONE)
+}
+
 /// Associates `measurements`, each with the claim on it, with `features`, of which the first is the direct path.
 pub fn associate<T: Real>(
     features: &[Expectation<T>],
@@ -122,6 +135,14 @@ pub fn associate<T: Real>(
         );
     }
     discount_later_arrivals(&mut psi[0], measurements, clutter);
+    // Nothing is reflected ahead of the direct path.
+    for row in &mut psi[1..] {
+        for (factor, z) in row.iter_mut().zip(measurements) {
+            if is_earlier(z, features[0].range_m, features[0].variance_m2) {
+                *factor = T::ZERO;
+            }
+        }
+    }
 
     // The clusters.
     let mut exact: Vec<Option<exact::Solution<T>>> = features.iter().map(|_| None).collect();
@@ -274,7 +295,7 @@ fn discount_later_arrivals<T: Real>(psi: &mut [T], measurements: &[Measurement<T
         let clearly_shorter = measurements[m].range_m - T::of(2.0) * sqrt(measurements[m].variance_m2);
         for other in measurements {
             if other.range_m < clearly_shorter {
-                psi[m] *= cost;
+                psi[m] *= cost * other.false_alarm;
             }
         }
     }
