@@ -7,6 +7,7 @@ use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup, Step, inputs, step};
 use crate::score::Score;
 use crate::score::consistency::{Consistency, Innovations};
 use crate::score::map::{self, MapScore};
+use cogmint_core::CycleReport;
 use cogmint_core::memory::environment::CONFIRMED;
 use serde::Serialize;
 use std::path::Path;
@@ -43,6 +44,12 @@ pub struct Track {
     pub bias_m: Vec<[f64; 2]>,
     /// Ranges and paths that the core left out because a scan had too many.
     pub left_out: u64,
+    /// Cycles in which it was not known where the tag is.
+    pub acquiring: usize,
+    /// How often the loss of the tag was noticed.
+    pub losses: usize,
+    /// Discoveries for which the map had no room.
+    pub map_full: u64,
     /// Cycles whose observations the core refused, and why the first was.
     pub refused: usize,
     /// Why the first refused cycle was.
@@ -130,7 +137,13 @@ fn run<const A: usize>(
     let first_refusal = refusals.next().map(|error| error.to_string());
     let refused = steps.iter().filter(|step| step.refused.is_some()).count();
     let left_out = steps.iter().map(|step| u64::from(step.report.left_out)).sum();
+    let count = |is: fn(&CycleReport) -> bool| steps.iter().filter(|step| is(&step.report)).count();
+    let (acquiring, losses) = (count(|report| report.acquiring), count(|report| report.lost));
+    let map_full = steps.iter().map(|step| u64::from(step.report.map_full)).sum();
     Ok(Track {
+        acquiring,
+        losses,
+        map_full,
         steps,
         errors_m,
         score,

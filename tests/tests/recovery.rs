@@ -40,6 +40,24 @@ fn a_minute_without_frames_is_survived_with_and_without_a_map() {
 }
 
 #[test]
+fn a_tag_that_rested_for_minutes_or_an_hour_is_where_it_was() {
+    // It walks on where it stopped, ten times as fast as the prior of its acceleration was made for.
+    for seed in 1..=5 {
+        for rest_s in [15.0, 60.0, 300.0, 3500.0] {
+            let mut recording = with_map(seed);
+            recording.motion.acceleration_std_m_s2 = 0.1;
+            for cycle in &mut recording.cycles[500..] {
+                cycle.time_s += rest_s;
+            }
+            let run = run(&recording, seed);
+            assert!(!run.score.diverged, "seed {seed}, {rest_s} s");
+            let worst = errors_from(&run, 510).fold(0.0, f64::max);
+            assert!(worst < 0.5, "seed {seed}, {rest_s} s: {worst} m");
+        }
+    }
+}
+
+#[test]
 fn a_tag_that_is_carried_off_unheard_is_found_within_ten_scans_with_and_without_a_map() {
     // From step 500 on, the tag walks back from the way's end: metres from where it was.
     let carried = |mut recording: Recording| {

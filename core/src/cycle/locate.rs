@@ -14,10 +14,34 @@ use nalgebra::{Matrix4, Vector4};
 impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
     Tracker<ANCHORS, VAS, PATHS, ACTIONS>
 {
-    /// Gives the tag up: from now on it may be anywhere around `prior`.
-    pub(super) fn lose(&mut self, prior: Agent) {
+    /// Gives the tag up: from now on it may be anywhere around this position, with these variances of position and
+    /// velocity.
+    fn lose(&mut self, position_m: [f32; 2], position_m2: [f32; 2], velocity_m2_s2: [f32; 2]) {
+        let ([x, y], [xx, yy], [uu, vv]) = (position_m, position_m2, velocity_m2_s2);
+        let prior = Agent {
+            mean: Vector4::new(x, y, 0.0, 0.0),
+            covariance: Matrix4::from_diagonal(&Vector4::new(xx, yy, uu, vv)),
+        };
+        let speed = self.config.start.velocity_std_m_s;
         self.loss = LossMonitor::default();
-        self.acquisition = Some(Acquisition::new(prior));
+        self.acquisition = Some(Acquisition::new(prior, speed * speed));
+    }
+
+    /// After a gap: the tag is somewhere between where it was and where its velocity would have brought it, and what its
+    /// velocity was then says little of now.
+    pub(super) fn lose_sight(&mut self, last: &Agent, predicted: &Agent) {
+        let Agent { mean: from, .. } = last;
+        let Agent { mean: to, covariance: c } = predicted;
+        let reach = self.config.motion.position_std_limit_m;
+        let speed = self.config.start.velocity_std_m_s;
+        let (dx, dy) = (to.x - from.x, to.y - from.y);
+        let within = |variance_m2: f32| smaller(variance_m2, reach * reach);
+        let speed_m2_s2 = speed * speed;
+        self.lose(
+            [from.x, from.y],
+            [within(c.m11 + dx * dx), within(c.m22 + dy * dy)],
+            [speed_m2_s2 + from.z * from.z, speed_m2_s2 + from.w * from.w],
+        );
     }
 
     /// Notices when the tag is not where it is believed to be.
@@ -29,11 +53,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let agent = self.filter.agent();
         let reach = self.config.motion.position_std_limit_m;
         let speed = self.config.start.velocity_std_m_s;
-        let (position, velocity) = (reach * reach, speed * speed);
-        self.lose(Agent {
-            mean: Vector4::new(agent.mean.x, agent.mean.y, 0.0, 0.0),
-            covariance: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
-        });
+        self.lose([agent.mean.x, agent.mean.y], [reach * reach; 2], [speed * speed; 2]);
         if let Some(acquisition) = &mut self.acquisition {
             acquisition.suggest(agent);
         }

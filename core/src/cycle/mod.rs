@@ -94,6 +94,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             ranging.bias_mean_m,
             ranging.bias_std_m,
         );
+        let speed = start.velocity_std_m_s;
         let start = filter.agent();
         let mut environment = EnvironmentMemory::default();
         for (slot, mapped) in map.iter().enumerate() {
@@ -115,7 +116,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             environment,
             channel: ChannelMemory::new(config.controller.prior_sinr),
             discovery: Discovery::default(),
-            acquisition: Some(Acquisition::new(start)),
+            acquisition: Some(Acquisition::new(start, speed * speed)),
             loss: LossMonitor::default(),
             controller: Controller::new(config.controller, library, seed),
             unexplained: [unexplained; ANCHORS],
@@ -161,14 +162,15 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let before = self.filter.agent();
         let predicted = before.covariance;
         self.discovery.predict(&last, &before, elapsed_s);
-        if self.acquisition.is_none()
-            && LossMonitor::is_too_wide(before.covariance.m11, before.covariance.m22)
-        {
-            self.lose(last);
+        let gap = self.acquisition.is_none()
+            && LossMonitor::is_too_wide(before.covariance.m11, before.covariance.m22);
+        if gap {
+            self.lose_sight(&last, &before);
         }
 
         observer.stage(Stage::Associate);
-        self.acquire(&scans, elapsed_s, tag_height_m);
+        // After a gap, the places to come are those of now.
+        self.acquire(&scans, if gap { 0.0 } else { elapsed_s }, tag_height_m);
         if self.acquisition.is_none() {
             self.follow_manoeuvre(&scans, elapsed_s, tag_height_m);
         }

@@ -99,6 +99,8 @@ struct Place {
 #[derive(Clone, Debug)]
 pub struct Acquisition<const ANCHORS: usize> {
     prior: Agent,
+    /// Variance of a velocity that nothing is known of, per axis.
+    speed_m2_s2: f32,
     places: Vec<Place, PLACES>,
     /// Cycles with measurements since places were last proposed.
     scans: u16,
@@ -109,10 +111,12 @@ pub struct Acquisition<const ANCHORS: usize> {
 }
 
 impl<const ANCHORS: usize> Acquisition<ANCHORS> {
-    /// Nothing heard yet; the tag is somewhere around the prior.
-    pub fn new(prior: Agent) -> Self {
+    /// Nothing heard yet; the tag is somewhere around the prior. `speed_m2_s2` is the variance per axis of a velocity that
+    /// nothing is known of.
+    pub fn new(prior: Agent, speed_m2_s2: f32) -> Self {
         Self {
             prior,
+            speed_m2_s2,
             places: Vec::new(),
             scans: 0,
             newcomer_ln: 0.0,
@@ -125,23 +129,24 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         self.offer(Place { agent, weight_ln: 0.0 });
     }
 
-    /// Moves all places `elapsed_s` seconds ahead.
+    /// Moves all places `elapsed_s` seconds ahead. Where nothing would be known of a place any more, the tag is within reach
+    /// of it all the same, but what its velocity was tells nothing.
     pub fn predict(&mut self, motion: &Motion, elapsed_s: f32) {
         let limit = motion.position_std_limit_m * motion.position_std_limit_m;
         for agent in
             self.places.iter_mut().map(|place| &mut place.agent).chain(core::iter::once(&mut self.prior))
         {
             let v = agent.mean;
-            agent.mean = Vector4::new(v.x + elapsed_s * v.z, v.y + elapsed_s * v.w, v.z, v.w);
             let c = predict_agent(&agent.covariance, elapsed_s, motion.acceleration_std_m_s2);
-            // Scaled back to the reach of the radio, as in the state filter.
-            let x = sqrt(smaller(limit / larger(c.m11, limit), 1.0));
-            let y = sqrt(smaller(limit / larger(c.m22, limit), 1.0));
-            agent.covariance = symmetric(
-                [c.m11 * (x * x), c.m21 * (x * y), c.m31 * x, c.m41 * x],
-                [c.m22 * (y * y), c.m32 * y, c.m42 * y],
-                [c.m33, c.m43, c.m44],
-            );
+            if larger(c.m11, c.m22) > limit {
+                let (x, y) = (smaller(c.m11, limit), smaller(c.m22, limit));
+                agent.mean = Vector4::new(v.x, v.y, 0.0, 0.0);
+                agent.covariance =
+                    Matrix4::from_diagonal(&Vector4::new(x, y, self.speed_m2_s2, self.speed_m2_s2));
+            } else {
+                agent.mean = Vector4::new(v.x + elapsed_s * v.z, v.y + elapsed_s * v.w, v.z, v.w);
+                agent.covariance = c;
+            }
         }
     }
 
@@ -235,7 +240,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
                 [DOUBT * c.m22, 0.0, 0.0],
                 [c.m33, c.m43, c.m44],
             );
-            *self = Self::new(Agent { mean: self.prior.mean, covariance: doubted });
+            *self = Self::new(Agent { mean: self.prior.mean, covariance: doubted }, self.speed_m2_s2);
         }
         true
     }
@@ -712,7 +717,7 @@ mod tests {
     /// at rest at (7, 4); all lengths of the room times `size`.
     fn acquired(size: f32, std_m: f32, deviation_m: f32, scans: usize) -> Acquisition<3> {
         let prior = StateFilter::<1, 1>::new(motion(), [0.0, 0.0], std_m, 0.1, 0.0, 0.0).agent();
-        let mut acquisition = Acquisition::<3>::new(prior);
+        let mut acquisition = Acquisition::<3>::new(prior, 0.01);
         let ranges = ANCHORS.map(|[x, y]| {
             let range_m = size * (7.0 - x).hypot(4.0 - y);
             [Measurement {

@@ -40,6 +40,9 @@ struct Outcome<'a> {
     #[serde(flatten)]
     consistency: &'a Consistency,
     measurements_left_out: u64,
+    cycles_acquiring: usize,
+    losses_noticed: usize,
+    discoveries_without_room: u64,
     refused_cycles: usize,
     first_refusal: &'a Option<String>,
     virtual_anchors_found: &'a [MappedVirtualAnchor],
@@ -67,6 +70,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             virtual_anchors: &run.map,
             consistency: &run.consistency,
             measurements_left_out: run.left_out,
+            cycles_acquiring: run.acquiring,
+            losses_noticed: run.losses,
+            discoveries_without_room: run.map_full,
             refused_cycles: run.refused,
             first_refusal: &run.first_refusal,
             virtual_anchors_found: &run.virtual_anchors,
@@ -111,6 +117,10 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     for (anchor, [bias, deviation]) in recording.anchors.iter().zip(&run.bias_m) {
         print(&format!("range bias of {}: {bias:.3} m, deviation {deviation:.3} m", anchor.name));
+    }
+    print(&format!("tag searched for in {} cycles, loss noticed {} times", run.acquiring, run.losses));
+    if run.map_full > 0 {
+        print(&format!("{} virtual anchors found no room in the map", run.map_full));
     }
     if run.left_out > 0 {
         print(&format!(

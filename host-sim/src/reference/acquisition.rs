@@ -131,6 +131,8 @@ struct Shift<T> {
 #[derive(Clone, Debug)]
 pub struct Acquisition<T> {
     prior: Agent<T>,
+    /// Variance of a velocity of which nothing is known, per axis.
+    speed_m2_s2: T,
     places: Vec<Place<T>>,
     /// Cycles with measurements since places were proposed.
     scans: u16,
@@ -142,9 +144,9 @@ pub struct Acquisition<T> {
 
 impl<T: Real> Acquisition<T> {
     /// Around the prior, for so many anchors.
-    pub fn new(prior: Agent<T>, anchors: usize) -> Self {
+    pub fn new(prior: Agent<T>, speed_m2_s2: T, anchors: usize) -> Self {
         let earlier_m = vec![[Vec::new(), Vec::new()]; anchors];
-        Self { prior, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO, earlier_m }
+        Self { prior, speed_m2_s2, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO, earlier_m }
     }
 
     /// Intensity of what belongs to no landmark at each range of a scan of `anchor`, per metre: the larger, the nearer the range
@@ -194,19 +196,25 @@ impl<T: Real> Acquisition<T> {
         let acceleration = T::of(motion.acceleration_std_m_s2);
         let places = self.places.iter_mut().map(|place| &mut place.agent);
         for agent in places.chain([&mut self.prior]) {
-            for (p, v) in [(PX, VX), (PY, VY)] {
-                agent.mean[p] = agent.mean[p] + dt * agent.mean[v];
-            }
             let mut next = predict_agent(&agent.covariance, dt, acceleration, T::ONE);
-            // Back to the reach of the radio.
-            let within = |variance: T| sqrt(smaller(limit / larger(variance, limit), T::ONE));
-            let (x, y) = (within(next[PX][PX]), within(next[PY][PY]));
-            next[PX][PX] *= x * x;
-            next[PY][PY] *= y * y;
-            for (row, column, factor) in [(PX, PY, x * y), (PX, VX, x), (PX, VY, x), (PY, VX, y), (PY, VY, y)]
-            {
-                next[row][column] *= factor;
-                next[column][row] = next[row][column];
+            if larger(next[PX][PX], next[PY][PY]) > limit {
+                // Within reach of where it was, at any speed.
+                for i in 0..AGENT {
+                    for j in 0..AGENT {
+                        if i != j {
+                            next[i][j] = T::ZERO;
+                        }
+                    }
+                }
+                for (p, v) in [(PX, VX), (PY, VY)] {
+                    next[p][p] = smaller(next[p][p], limit);
+                    next[v][v] = self.speed_m2_s2;
+                    agent.mean[v] = T::ZERO;
+                }
+            } else {
+                for (p, v) in [(PX, VX), (PY, VY)] {
+                    agent.mean[p] = agent.mean[p] + dt * agent.mean[v];
+                }
             }
             agent.covariance = next;
         }
@@ -246,7 +254,7 @@ impl<T: Real> Acquisition<T> {
                     prior.covariance[v][p] = T::ZERO;
                 }
             }
-            *self = Self::new(prior, self.earlier_m.len());
+            *self = Self::new(prior, self.speed_m2_s2, self.earlier_m.len());
         }
         true
     }

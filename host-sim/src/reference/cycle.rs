@@ -1,6 +1,5 @@
 //! The whole cycle, stage by stage: [`Reference::cycle`] reads top to bottom.
 
-use super::Matrix;
 use super::acquisition::{Acquisition, Landmark, Sweep};
 use super::association::{
     Beliefs, Clutter, Expectation, Measurement, associate, detection_probability, false_alarm,
@@ -19,6 +18,7 @@ use super::overlap::{Arrival, overlap};
 use super::pulse::Pulse;
 use super::real::{Real, abs, larger, limited, smaller, speed_of_light, square};
 use super::state_filter::{Agent, Innovation, PX, PY, Prior, Regression, Sight, StateFilter, VX, VY};
+use super::{Matrix, zeros};
 use cogmint_core::controller::library::Action;
 use cogmint_core::observation::{Frame, Observation, RangeScan};
 use cogmint_core::perceptor::association::Mode;
@@ -172,7 +172,8 @@ impl<T: Real> Reference<T> {
             bias_std_m: config.ranging.bias_std_m,
         };
         let mut filter = StateFilter::new(capacity.anchors, capacity.virtual_anchors, config.motion, &prior);
-        let acquisition = Some(Acquisition::new(filter.agent(), capacity.anchors));
+        let speed = T::of(config.start.velocity_std_m_s);
+        let acquisition = Some(Acquisition::new(filter.agent(), square(speed), capacity.anchors));
         let mut environment = EnvironmentMemory::new(capacity.virtual_anchors);
         for slot in 0..map.len() {
             let std_m = if config.exact_map { 0.0 } else { map[slot].std_m };
@@ -226,10 +227,11 @@ impl<T: Real> Reference<T> {
         let predicted = self.filter.agent();
         self.discovery.predict(&last, &predicted, elapsed_s);
         let variances = (predicted.covariance[PX][PX], predicted.covariance[PY][PY]);
-        if self.acquisition.is_none() && LossMonitor::is_too_wide(variances.0, variances.1) {
-            self.lose(last.clone());
+        let gap = self.acquisition.is_none() && LossMonitor::is_too_wide(variances.0, variances.1);
+        if gap {
+            self.lose_sight(&last, &predicted);
         }
-        self.acquire(&scans, elapsed_s, &heights);
+        self.acquire(&scans, if gap { T::ZERO } else { elapsed_s }, &heights);
         if self.acquisition.is_none() {
             self.follow_manoeuvre(&scans, elapsed_s, &heights);
         }
@@ -664,10 +666,29 @@ impl<T: Real> Reference<T> {
     // Discover.
 
     /// Forgets improbable virtual anchors, feeds the candidates, and takes resolved ones into the map.
-    /// From now on the tag may be anywhere around `prior`.
-    fn lose(&mut self, prior: Agent<T>) {
+    /// From now on the tag may be anywhere around a position; variances of position and velocity per axis.
+    fn lose(&mut self, position_m: [T; 2], position_m2: [T; 2], velocity_m2_s2: [T; 2]) {
+        let mut prior = Agent { mean: vec![T::ZERO; 4], covariance: zeros(4, 4) };
+        for (axis, (p, v)) in [(PX, VX), (PY, VY)].into_iter().enumerate() {
+            prior.mean[p] = position_m[axis];
+            prior.covariance[p][p] = position_m2[axis];
+            prior.covariance[v][v] = velocity_m2_s2[axis];
+        }
+        let speed = T::of(self.config.start.velocity_std_m_s);
         self.loss = LossMonitor::new();
-        self.acquisition = Some(Acquisition::new(prior, self.capacity.anchors));
+        self.acquisition = Some(Acquisition::new(prior, square(speed), self.capacity.anchors));
+    }
+
+    /// After a gap: between where it was and where its velocity would have brought it.
+    fn lose_sight(&mut self, last: &Agent<T>, predicted: &Agent<T>) {
+        let reach = T::of(self.config.motion.position_std_limit_m);
+        let speed = T::of(self.config.start.velocity_std_m_s);
+        let position_m2 = [PX, PY].map(|p| {
+            let way = predicted.mean[p] - last.mean[p];
+            smaller(predicted.covariance[p][p] + square(way), square(reach))
+        });
+        let velocity_m2_s2 = [VX, VY].map(|v| square(speed) + square(last.mean[v]));
+        self.lose([last.mean[PX], last.mean[PY]], position_m2, velocity_m2_s2);
     }
 
     /// Adds up the evidence; true where the tag must be elsewhere.
@@ -681,18 +702,10 @@ impl<T: Real> Reference<T> {
             return false;
         }
         let believed = self.filter.agent();
-        let mut prior = believed.clone();
         let reach = T::of(self.config.motion.position_std_limit_m);
         let speed = T::of(self.config.start.velocity_std_m_s);
-        for i in 0..4 {
-            for j in 0..4 {
-                prior.covariance[i][j] = T::ZERO;
-            }
-            prior.covariance[i][i] = if i == PX || i == PY { square(reach) } else { square(speed) };
-        }
-        prior.mean[VX] = T::ZERO;
-        prior.mean[VY] = T::ZERO;
-        self.lose(prior);
+        let position_m = [believed.mean[PX], believed.mean[PY]];
+        self.lose(position_m, [square(reach); 2], [square(speed); 2]);
         if let Some(acquisition) = &mut self.acquisition {
             acquisition.suggest(believed);
         }

@@ -82,7 +82,7 @@ pub fn cases() -> Vec<Case> {
         ),
         ranges(
             "slam-whole-room",
-            "the same with a start anywhere on the way, of which only the room is known",
+            "the same, the start anywhere: the mirror image in the line of the anchors explains everything as well",
             SlamRanges { start_unknown: true, ..usual },
         ),
         frames(

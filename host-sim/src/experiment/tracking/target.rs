@@ -48,7 +48,6 @@ pub const TARGETS: &[Target] = &[
     none_diverges("slam-frames-lost"),
     none_diverges("slam-gap"),
     none_diverges("slam-long-gap"),
-    none_diverges("slam-whole-room"),
     at_most("known-plan", "RMSE / posterior CRLB", |figures| figures.rmse_over_posterior_crlb, [1.5, 1.15]),
     none_diverges("known-plan"),
     honest("known-plan"),
