@@ -380,7 +380,7 @@ impl<T: Real> Reference<T> {
         }
         // What lies beside a much stronger path may be a remainder of that.
         for n in ranges.len()..scan.measurements.len() {
-            let own = scan.measurements[n].clone();
+            let own = scan.measurements[n];
             let beside = scan.measurements.iter().any(|other| {
                 abs(other.range_m - own.range_m) < resolution_m
                     && other.sinr > T::of(ARTEFACT_RATIO) * own.sinr
