@@ -37,18 +37,23 @@ const LEFT_SINR_DB: f64 = -8.0;
 pub fn seminar_room(seed: u64, cycles: usize) -> Result<Simulator, InputError> {
     let (mut scenario, _) = Scenario::find("seminar-room")?;
     scenario.radio.library = Some(Library::Named(NamedLibrary::Wide));
-    scenario.interference = vec![Interference {
+    scenario.interference = vec![interferer(LEFT_SINR_DB)];
+    if let Some(way) = scenario.trajectories.first_mut() {
+        way.cycles = Some(way.cycles.unwrap_or(cycles).min(cycles));
+    }
+    Simulator::new(&scenario, None, 0, Some(seed))
+}
+
+/// An interferer 2 GHz wide at 7 GHz that leaves the paths in use a median SINR of `median_sinr_db` while it is on.
+pub fn interferer(median_sinr_db: f64) -> Interference {
+    Interference {
         during: INTERFERED,
         // It keeps no time with the anchors: the same at every delay.
         profile: Profile { rise_s: 1e-11, decay_s: 1e-6, chi: 0.0 },
         onset_s: -200e-9,
         fading: Fading::Independent,
-        ..Interference::of(Strength::MedianSinrDb(LEFT_SINR_DB))
-    }];
-    if let Some(way) = scenario.trajectories.first_mut() {
-        way.cycles = Some(way.cycles.unwrap_or(cycles).min(cycles));
+        ..Interference::of(Strength::MedianSinrDb(median_sinr_db))
     }
-    Simulator::new(&scenario, None, 0, Some(seed))
 }
 
 /// Cycles during which the first interferer transmits, from and to.

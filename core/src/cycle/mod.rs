@@ -296,6 +296,21 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &self.config
     }
 
+    /// The anchors.
+    pub fn anchors(&self) -> &[Anchor] {
+        &self.anchors
+    }
+
+    /// The action library.
+    pub fn library(&self) -> &Library<ACTIONS> {
+        self.controller.library()
+    }
+
+    /// Threshold on the normalised energy of a path, of the pulse last used.
+    pub fn threshold(&self) -> f32 {
+        self.estimator.threshold()
+    }
+
     /// The action that the next frames should use.
     pub fn action(&self) -> Option<&Action> {
         self.controller.action()

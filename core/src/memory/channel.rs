@@ -169,6 +169,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         self.row(source).is_some_and(|row| row.reference > 0.0)
     }
 
+    /// Effective number of samples known of `source` at `action`, neighbours and age counted in; at most the window of 40.
+    pub fn samples(&self, source: Source, action: usize) -> f32 {
+        self.row(source).and_then(|row| row.moments.get(action)).map_or(0.0, |moments| moments.count)
+    }
+
     /// SINR (linear, 0.01 to 1e6) expected of `source` at `action`.
     pub fn sinr(&self, source: Source, action: usize) -> f32 {
         let Some(moments) = self.row(source).and_then(|row| row.moments.get(action)) else {

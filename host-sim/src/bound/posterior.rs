@@ -31,6 +31,13 @@ impl Posterior {
         Self { covariance }
     }
 
+    /// From a covariance of x, y, and their velocities.
+    pub fn of(covariance: nalgebra::Matrix4<f64>) -> Self {
+        Self {
+            covariance: std::array::from_fn(|row| std::array::from_fn(|column| covariance[(row, column)])),
+        }
+    }
+
     /// Time passes: `elapsed_s` seconds with a white acceleration of that deviation per axis, m/s^2.
     pub fn predict(&mut self, elapsed_s: f64, acceleration_std_m_s2: f64) {
         let p = &mut self.covariance;
@@ -96,6 +103,12 @@ impl Posterior {
                 self.covariance[column][row] = mean;
             }
         }
+    }
+
+    /// Entropy of a Gaussian position of this covariance, nats: 1/2 ln det + ln(2 pi e).
+    pub fn position_entropy_nat(&self) -> f64 {
+        let [[xx, _, ..], [yx, yy, ..], ..] = self.covariance;
+        0.5 * (xx * yy - yx * yx).ln() + (std::f64::consts::TAU * std::f64::consts::E).ln()
     }
 
     /// Least mean square error of the position, m^2: the trace of its block.

@@ -325,8 +325,19 @@ impl Channel {
 
     /// The paths that an action receives, with their strengths.
     pub fn components(&self, cycle: usize, anchor: usize, action: usize) -> Vec<Component> {
+        self.components_of(&self.paths(cycle, anchor), cycle, anchor, action)
+    }
+
+    /// The same where the cycle's paths are known already: they do not depend on the action.
+    pub fn components_of(
+        &self,
+        paths: &[path::Path],
+        cycle: usize,
+        anchor: usize,
+        action: usize,
+    ) -> Vec<Component> {
         let mut spectrum = Vec::new();
-        self.paths(cycle, anchor)
+        paths
             .iter()
             .map(|path| {
                 self.path_spectrum(path, cycle, &self.bands[action], &mut spectrum);

@@ -1,5 +1,6 @@
 //! `cogmint experiment`: Monte Carlo experiments.
 
+mod controllers;
 mod tracking;
 
 use super::{print, print_json};
@@ -20,6 +21,8 @@ pub enum Experiment {
     EightPaths(EightPathsOptions),
     /// The whole tracker over named scenarios, or over a recording from many starts.
     Tracking(tracking::Options),
+    /// What choosing the carrier is worth: the core's controller beside others, in a scenario.
+    Controllers(controllers::Options),
 }
 
 #[derive(clap::Args)]
@@ -77,6 +80,7 @@ pub fn run(experiment: &Experiment) -> Result<(), Failure> {
     match experiment {
         Experiment::Estimator(options) => estimator(options),
         Experiment::Tracking(options) => tracking::run(options),
+        Experiment::Controllers(options) => controllers::run(options),
         Experiment::EightPaths(options) => {
             Recording::may_replace(&options.out)?;
             Ok(eight_paths(options.frames as usize, options.seed).write(&options.out)?)

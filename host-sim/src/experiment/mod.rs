@@ -1,6 +1,7 @@
 //! Monte Carlo experiments: what a stage of the system, or all of it, achieves beside the bound that nothing can beat.
 
 pub mod baseline;
+pub mod controllers;
 pub mod eight_paths;
 pub mod estimator;
 pub mod response;

@@ -1,0 +1,117 @@
+//! Who chooses the next action: what all choosers see, and those that need no memory.
+
+use crate::replay::{ACTIONS, PATHS, VAS};
+use cogmint_core::{CycleReport, Tracker};
+use rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro128PlusPlus;
+
+/// What a chooser sees after a cycle.
+pub struct Seen<'a, const A: usize> {
+    /// The tracker, with all its memories.
+    pub tracker: &'a Tracker<A, VAS, PATHS, ACTIONS>,
+    /// What the tracker made of the cycle.
+    pub report: &'a CycleReport,
+    /// Number of actions there are.
+    pub actions: usize,
+    /// Time to the next cycle, seconds.
+    pub elapsed_s: f64,
+    /// Height of the tag, metres.
+    pub tag_height_m: f64,
+}
+
+/// Chooses the action of the next cycle.
+pub trait Choose<const A: usize> {
+    /// An index below `seen.actions`.
+    fn next(&mut self, seen: &Seen<'_, A>) -> usize;
+}
+
+/// The core's own choice; also the fixed carrier, where its controller does not plan.
+pub struct OfTheCore;
+
+impl<const A: usize> Choose<A> for OfTheCore {
+    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+        seen.report.next_action
+    }
+}
+
+/// What was decided before the run.
+pub struct Decided {
+    /// Actions, cycle by cycle.
+    pub actions: Vec<usize>,
+}
+
+impl<const A: usize> Choose<A> for Decided {
+    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+        let next = seen.report.cycle as usize + 1;
+        self.actions.get(next).copied().unwrap_or(seen.report.action)
+    }
+}
+
+/// Any action, each time anew.
+pub struct Random {
+    rng: Xoshiro128PlusPlus,
+}
+
+impl Random {
+    /// With the numbers of a seed.
+    pub fn new(seed: u64) -> Self {
+        Self { rng: Xoshiro128PlusPlus::seed_from_u64(seed) }
+    }
+}
+
+impl<const A: usize> Choose<A> for Random {
+    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+        (uniform(&mut self.rng) * seen.actions as f64) as usize
+    }
+}
+
+/// Discounted UCB (Garivier, Moulines 2011) on the rewards alone: no model, no memory of the channel.
+pub struct Bandit {
+    /// Per action, the discounted number of its rewards and their sum.
+    played: Vec<(f64, f64)>,
+}
+
+/// Discount of rewards per cycle.
+const DISCOUNT: f64 = 0.98;
+/// Padding of the mean, in nats.
+const PADDING_NAT: f64 = 0.5;
+
+impl Bandit {
+    /// Nothing played yet.
+    pub fn new(actions: usize) -> Self {
+        Self { played: vec![(0.0, 0.0); actions] }
+    }
+}
+
+impl<const A: usize> Choose<A> for Bandit {
+    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+        for (count, sum) in &mut self.played {
+            *count *= DISCOUNT;
+            *sum *= DISCOUNT;
+        }
+        let (count, sum) = &mut self.played[seen.report.action];
+        *count += 1.0;
+        *sum += f64::from(seen.report.reward);
+        let all: f64 = self.played.iter().map(|(count, _)| count).sum();
+        best(self.played.iter().map(|(count, sum)| match count {
+            0.0 => f64::INFINITY,
+            count => sum / count + PADDING_NAT * (all.ln().max(0.0) / count).sqrt(),
+        }))
+    }
+}
+
+/// Index of the largest value, the first of equals.
+pub fn best(values: impl Iterator<Item = f64>) -> usize {
+    let mut best = (0, f64::NEG_INFINITY);
+    for (action, value) in values.enumerate() {
+        if value > best.1 {
+            best = (action, value);
+        }
+    }
+    best.0
+}
+
+/// Within (0, 1).
+pub fn uniform(rng: &mut impl Rng) -> f64 {
+    (f64::from(rng.next_u32()) + 0.5) / 4_294_967_296.0
+}

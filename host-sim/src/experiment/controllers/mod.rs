@@ -1,0 +1,282 @@
+//! What choosing the carrier is worth: the core's controller against others, in the same simulated rooms.
+//!
+//! Every run has a seed and goes along one trajectory of the scenario, in turn. All controllers of a run see the same
+//! room, interferer and noise; each steers a tracker of its own. What they chose is judged by the simulator's own
+//! knowledge ([`truth`]), so that a controller can neither gain by a filter that thinks too well of itself nor lose by
+//! chance; how well the tag was tracked meanwhile is told beside it.
+
+pub mod choice;
+pub mod figures;
+pub mod on_memory;
+pub mod truth;
+
+use crate::input_error::InputError;
+use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup, input, step};
+use crate::scenario::Scenario;
+use crate::score::Score;
+use crate::simulator::Simulator;
+use choice::{Bandit, Choose, Decided, OfTheCore, Random};
+use cogmint_core::config::ControllerSettings;
+use cogmint_core::controller::reward::Reward;
+use figures::Figures;
+use on_memory::{OnMemory, Reading};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::path::Path;
+use truth::Truth;
+
+/// A controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Controller {
+    /// The scenario's first action, always.
+    Fixed,
+    /// Any action, each time anew.
+    Random,
+    /// Discounted UCB on the rewards alone.
+    Bandit,
+    /// The action that should tell most, by the tracker's memories.
+    Greedy,
+    /// The same, the SINR read as an optimist.
+    Ucb,
+    /// The same, the SINR drawn from what is known of it.
+    Thompson,
+    /// The core's learning and planning.
+    Cognitive,
+    /// The same with one thing changed: an index into [`ABLATIONS`].
+    Ablated(usize),
+    /// The action that tells most, by the simulator's own knowledge.
+    Genie,
+}
+
+impl Controller {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Fixed,
+        Self::Random,
+        Self::Bandit,
+        Self::Greedy,
+        Self::Ucb,
+        Self::Thompson,
+        Self::Cognitive,
+        Self::Genie,
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fixed => "fixed",
+            Self::Random => "random",
+            Self::Bandit => "bandit",
+            Self::Greedy => "greedy",
+            Self::Ucb => "ucb",
+            Self::Thompson => "thompson",
+            Self::Cognitive => "cognitive",
+            Self::Ablated(index) => ABLATIONS.get(index).map_or("unknown", |(name, _)| name),
+            Self::Genie => "genie",
+        }
+    }
+}
+
+/// Something that is done to the core's settings.
+type Change = fn(&mut ControllerSettings);
+
+/// What the core's controller is tried without, or with instead.
+pub const ABLATIONS: [(&str, Change); 12] = [
+    ("reward-published", |settings| settings.reward = Reward::Published { scale: 1e24 }),
+    ("reward-entropy", |settings| settings.reward = Reward::EntropyChange),
+    ("horizon-3", |settings| settings.horizon = 3),
+    ("horizon-5", |settings| settings.horizon = 5),
+    ("subset-5", |settings| settings.planned_actions = 5),
+    ("subset-10", |settings| settings.planned_actions = 10),
+    ("subset-40", |settings| settings.planned_actions = 40),
+    ("no-exploration", |settings| settings.choice.exploration = 0.0),
+    ("no-hysteresis", |settings| settings.choice.hysteresis_nat = 0.0),
+    ("rate-0.2", |settings| settings.learning.rate = 0.2),
+    ("rate-1", |settings| settings.learning.rate = 1.0),
+    ("bootstrap", |settings| settings.learning.bootstrap = true),
+];
+
+/// What one controller made of one run.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Which controller.
+    pub controller: Controller,
+    /// The actions used, cycle by cycle.
+    pub actions: Vec<usize>,
+    /// Entropy of the position after each cycle by the yardstick, nats.
+    pub entropies_nat: Vec<f64>,
+    /// How well the tag was tracked.
+    pub score: Score,
+}
+
+/// One run: the same room with every controller.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// Its seed.
+    pub seed: u64,
+    /// Cycles under interference; empty where there is none.
+    pub interfered: Range<usize>,
+    /// The runs.
+    pub runs: Vec<Run>,
+}
+
+/// Compares `controllers` (fixed and genie always among them) in `runs` runs of a scenario, seeds from `seed` on.
+///
+/// # Errors
+/// The scenario cannot be simulated.
+pub fn compare(
+    scenario: &Scenario,
+    folder: Option<&Path>,
+    controllers: &[Controller],
+    runs: u32,
+    seed: u64,
+    on_run: impl Fn() + Sync,
+) -> Result<Figures, InputError> {
+    let ways = scenario.trajectories.len().max(1);
+    let comparisons = (0..runs as usize).into_par_iter().map(|run| {
+        let simulator = Simulator::new(scenario, folder, run % ways, Some(seed.wrapping_add(run as u64)))?;
+        compare_once(&simulator, controllers, &on_run)
+    });
+    let comparisons: Vec<Comparison> = comparisons.collect::<Result<_, InputError>>()?;
+    Ok(Figures::new(&scenario.name, &comparisons))
+}
+
+/// One run with every controller.
+///
+/// # Errors
+/// The core refuses something, which would be a defect.
+pub fn compare_once(
+    simulator: &Simulator,
+    controllers: &[Controller],
+    on_run: &(impl Fn() + Sync),
+) -> Result<Comparison, InputError> {
+    let channel = simulator.channel();
+    let setup = set_up(simulator)?;
+    let truth = Truth::new(simulator, &setup);
+    // The fixed carrier and the genie are what all are measured by.
+    let others = controllers.iter().filter(|one| !matches!(one, Controller::Fixed | Controller::Genie));
+    let asked = [Controller::Fixed].into_iter().chain(others.copied()).chain([Controller::Genie]);
+    let runs = asked.map(|controller| {
+        let run = if setup.anchors.len() <= SMALL_ANCHORS {
+            steer::<SMALL_ANCHORS>(simulator, &setup, &truth, controller)
+        } else {
+            steer::<LARGE_ANCHORS>(simulator, &setup, &truth, controller)
+        };
+        on_run();
+        run
+    });
+    let interference = channel.scenario().interference.iter().map(|one| channel.cycles_of(one.during));
+    Ok(Comparison {
+        seed: channel.seed(),
+        interfered: interference.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or(0..0),
+        runs: runs.collect::<Result<_, _>>()?,
+    })
+}
+
+/// The set-up of the trackers of a simulation.
+fn set_up(simulator: &Simulator) -> Result<Setup, InputError> {
+    let mut recording = simulator.before();
+    recording.cycles.push(simulator.cycle(0, simulator.channel().receiver().first_action));
+    Setup::new(&recording, Path::new(&simulator.channel().scenario().name), Some(simulator.channel().seed()))
+}
+
+/// Runs a tracker that takes its actions from a controller.
+fn steer<const A: usize>(
+    simulator: &Simulator,
+    setup: &Setup,
+    truth: &Truth,
+    controller: Controller,
+) -> Result<Run, InputError> {
+    let channel = simulator.channel();
+    let refused =
+        |error: cogmint_core::Error| InputError::new(Path::new(&channel.scenario().name), error.to_string());
+    let count = setup.actions.len();
+    let mut setup = setup.clone();
+    match controller {
+        Controller::Cognitive => {}
+        Controller::Ablated(index) => {
+            if let Some((_, change)) = ABLATIONS.get(index) {
+                change(&mut setup.config.controller);
+            }
+        }
+        _ => setup.config.controller.planned_actions = 0,
+    }
+    let mut chooser: Box<dyn Choose<A>> = match controller {
+        Controller::Fixed | Controller::Cognitive | Controller::Ablated(_) => Box::new(OfTheCore),
+        Controller::Random => Box::new(Random::new(setup.seed)),
+        Controller::Bandit => Box::new(Bandit::new(count)),
+        Controller::Greedy => Box::new(OnMemory::new(Reading::Guess)),
+        Controller::Ucb => Box::new(OnMemory::new(Reading::Optimist)),
+        Controller::Thompson => Box::new(OnMemory::new(Reading::sample(setup.seed))),
+        Controller::Genie => Box::new(Decided { actions: truth.genie() }),
+    };
+    let mut tracker = setup.tracker::<A>().map_err(refused)?;
+    let before = simulator.before();
+    let poses = channel.poses();
+    let first = channel.receiver().first_action;
+    let mut action =
+        if controller == Controller::Genie { truth.genie().first().copied().unwrap_or(first) } else { first };
+    let (mut actions, mut errors_m, mut seconds) = (Vec::new(), Vec::new(), 0.0);
+    for cycle in 0..simulator.cycles() {
+        let received = simulator.cycle(cycle, action);
+        let previous_s = cycle.checked_sub(1).map(|previous| poses[previous].time_s);
+        let step = step(&mut tracker, &input(&before, &received, previous_s), &mut ()).map_err(refused)?;
+        let ([x, y], [u, v]) = (poses[cycle].position_m, step.report.position_m);
+        errors_m.push((x - f64::from(u)).hypot(y - f64::from(v)));
+        seconds += step.seconds;
+        actions.push(action);
+        let next = poses.get(cycle + 1).map_or(0.1, |next| next.time_s - poses[cycle].time_s);
+        action = chooser.next(&choice::Seen {
+            tracker: &tracker,
+            report: &step.report,
+            actions: count,
+            elapsed_s: next,
+            tag_height_m: channel.tag_height_m(cycle),
+        });
+    }
+    Ok(Run {
+        controller,
+        entropies_nat: truth.entropies_nat(&actions),
+        score: Score::new(errors_m.len(), &errors_m, seconds),
+        actions,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demo;
+
+    #[test]
+    fn the_genie_leaves_less_entropy_than_any_carrier_held() {
+        let simulator = demo::seminar_room(1, 40).expect("is built in");
+        let setup = set_up(&simulator).expect("is taken");
+        let truth = Truth::new(&simulator, &setup);
+        let mean = |actions: &[usize]| {
+            let entropies = truth.entropies_nat(actions);
+            entropies.iter().sum::<f64>() / entropies.len() as f64
+        };
+        let genie = truth.genie();
+        assert_eq!(genie.len(), truth.cycles());
+        for action in 0..setup.actions.len() {
+            let held = mean(&vec![action; truth.cycles()]);
+            assert!(mean(&genie) < held + 1e-9, "action {action}: {held}");
+        }
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_figures_on_any_number_of_threads() {
+        let (mut scenario, _) = Scenario::find("seminar-room").expect("is built in");
+        for way in &mut scenario.trajectories {
+            way.cycles = Some(12);
+        }
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
+            let all = || compare(&scenario, None, &Controller::ALL, 3, 5, || {}).expect("runs");
+            pool.install(all)
+        };
+        let alone = run(1);
+        assert_eq!(alone, run(3));
+        assert_eq!(alone.controllers.len(), Controller::ALL.len());
+    }
+}

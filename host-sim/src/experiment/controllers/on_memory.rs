@@ -1,0 +1,117 @@
+//! Choosers on the tracker's own memories: what each action should tell of the position in the next cycle, with the SINR
+//! as it is remembered (greedy), as it may be at best (UCB), or drawn from what is known of it (Thompson sampling).
+//!
+//! Written apart from the core's planning, in f64: an independent account of the same prediction.
+
+use super::choice::{Choose, Seen, best, uniform};
+use crate::bound::posterior::Posterior;
+use cogmint_core::memory::environment::CONFIRMED;
+use cogmint_core::perceptor::association::detection_probability;
+use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::pulse::Pulse;
+use rand_core::SeedableRng;
+use rand_xoshiro::Xoshiro128PlusPlus;
+
+/// How the remembered SINR is read.
+#[derive(Clone, Debug)]
+pub enum Reading {
+    /// As the best guess.
+    Guess,
+    /// One deviation better.
+    Optimist,
+    /// Drawn anew in every cycle.
+    Sample(Xoshiro128PlusPlus),
+}
+
+impl Reading {
+    /// Thompson sampling with the numbers of a seed.
+    pub fn sample(seed: u64) -> Self {
+        Self::Sample(Xoshiro128PlusPlus::seed_from_u64(seed))
+    }
+}
+
+/// Takes the action that should tell most.
+pub struct OnMemory {
+    reading: Reading,
+}
+
+/// Deviation of ln SINR where one sample is known.
+const SPREAD_NAT: f64 = 1.0;
+
+impl OnMemory {
+    /// With this reading of the memory.
+    pub fn new(reading: Reading) -> Self {
+        Self { reading }
+    }
+
+    /// Factor on a SINR of which `samples` are known.
+    fn factor(&mut self, samples: f64) -> f64 {
+        let deviations = match &mut self.reading {
+            Reading::Guess => 0.0,
+            Reading::Optimist => 1.0,
+            Reading::Sample(rng) => {
+                let radius = (-2.0 * uniform(rng).ln()).sqrt();
+                radius * (std::f64::consts::TAU * uniform(rng)).cos()
+            }
+        };
+        (deviations * SPREAD_NAT / (1.0 + samples).sqrt()).exp()
+    }
+}
+
+impl<const A: usize> Choose<A> for OnMemory {
+    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+        let tracker = seen.tracker;
+        let config = tracker.config();
+        let filter = tracker.filter();
+        let [x, y] = filter.position_m().map(f64::from);
+        let [u, v] = filter.velocity_m_s().map(f64::from);
+        let at = [x + seen.elapsed_s * u, y + seen.elapsed_s * v];
+        let mut predicted = Posterior::of(filter.agent_covariance().cast());
+        predicted.predict(seen.elapsed_s, f64::from(config.motion.acceleration_std_m_s2));
+
+        // Sources, with the slope of their range and the variance that the map adds.
+        let anchors = tracker.anchors();
+        let direct = anchors.iter().enumerate().map(|(anchor, place)| {
+            (Source::Direct { anchor }, place.position_m.map(f64::from), [0.0; 3], anchor)
+        });
+        let reflected = tracker.environment().iter().filter_map(|(slot, record)| {
+            let (place, c) = filter.virtual_anchor(slot)?;
+            let source = Source::Virtual { anchor: record.anchor, slot };
+            let covariance = [c.m11, c.m21, c.m22].map(f64::from);
+            (record.existence > CONFIRMED).then_some((
+                source,
+                [f64::from(place.x), f64::from(place.y)],
+                covariance,
+                record.anchor,
+            ))
+        });
+        let mut informations = vec![[0.0; 3]; seen.actions];
+        for (source, place, [xx, yx, yy], anchor) in direct.chain(reflected) {
+            let rise = f64::from(anchors[anchor].height_m) - seen.tag_height_m;
+            let (dx, dy) = (at[0] - place[0], at[1] - place[1]);
+            let length = (dx * dx + dy * dy + rise * rise).sqrt().max(1e-6);
+            let (gx, gy) = (dx / length, dy / length);
+            let map_m2 = gx * gx * xx + 2.0 * gx * gy * yx + gy * gy * yy;
+            for (action, sum) in informations.iter_mut().enumerate() {
+                let memory = tracker.channel();
+                let factor = self.factor(f64::from(memory.samples(source, action)));
+                let sinr = factor * f64::from(memory.sinr(source, action));
+                let Some(entry) = tracker.library().get(action) else { continue };
+                let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: config.radio.pulse_shape };
+                let range_m2 = f64::from(config.ranging.variance_inflation)
+                    * f64::from(pulse.range_variance_m2(sinr as f32))
+                    + f64::from(config.ranging.floor_m).powi(2);
+                let found = f64::from(detection_probability(sinr as f32, tracker.threshold()));
+                let weight = found / (range_m2 + map_m2);
+                sum[0] += weight * gx * gx;
+                sum[1] += weight * gx * gy;
+                sum[2] += weight * gy * gy;
+            }
+        }
+        best(informations.iter().map(|information| {
+            let mut after = predicted;
+            after.update(*information);
+            -after.position_entropy_nat()
+        }))
+    }
+}
