@@ -68,6 +68,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         elapsed_s: f32,
         tag_height_m: Option<f32>,
     ) {
+        if self.acquisition.is_none() {
+            return;
+        }
         let mut detections: Vec<(f32, [f32; VAS]), ANCHORS> = Vec::new();
         for scan in scans {
             let direct = self.detection(Source::Direct { anchor: scan.anchor }, scan);
@@ -177,7 +180,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Evidence of all scans that the tag is where it is predicted to be, nats.
-    pub(super) fn evidence_nat(&self, scans: &Vec<Scan<PATHS>, ANCHORS>, tag_height_m: Option<f32>) -> f32 {
+    fn evidence_nat(&self, scans: &Vec<Scan<PATHS>, ANCHORS>, tag_height_m: Option<f32>) -> f32 {
         let mut evidence = 0.0;
         for scan in scans {
             if let Some(expected) = self.expect(scan, tag_height_m) {

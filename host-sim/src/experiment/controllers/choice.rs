@@ -1,8 +1,9 @@
 //! Who chooses the next action: what all choosers see, and those that need no memory.
 
+use crate::channel::random::uniform;
 use crate::replay::{ACTIONS, PATHS, VAS};
 use cogmint_core::{CycleReport, Tracker};
-use rand_core::{Rng, SeedableRng};
+use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 
 /// What a chooser sees after a cycle.
@@ -109,9 +110,4 @@ pub fn best(values: impl Iterator<Item = f64>) -> usize {
         }
     }
     best.0
-}
-
-/// Within (0, 1).
-pub fn uniform(rng: &mut impl Rng) -> f64 {
-    (f64::from(rng.next_u32()) + 0.5) / 4_294_967_296.0
 }

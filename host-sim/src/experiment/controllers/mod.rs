@@ -201,6 +201,7 @@ fn steer<const A: usize>(
         }
         _ => setup.config.controller.planned_actions = 0,
     }
+    let genie = if controller == Controller::Genie { truth.genie() } else { Vec::new() };
     let mut chooser: Box<dyn Choose<A>> = match controller {
         Controller::Fixed | Controller::Cognitive | Controller::Ablated(_) => Box::new(OfTheCore),
         Controller::Random => Box::new(Random::new(setup.seed)),
@@ -208,14 +209,13 @@ fn steer<const A: usize>(
         Controller::Greedy => Box::new(OnMemory::new(Reading::Guess)),
         Controller::Ucb => Box::new(OnMemory::new(Reading::Optimist)),
         Controller::Thompson => Box::new(OnMemory::new(Reading::sample(setup.seed))),
-        Controller::Genie => Box::new(Decided { actions: truth.genie() }),
+        Controller::Genie => Box::new(Decided { actions: genie.clone() }),
     };
     let mut tracker = setup.tracker::<A>().map_err(refused)?;
     let before = simulator.before();
     let poses = channel.poses();
     let first = channel.receiver().first_action;
-    let mut action =
-        if controller == Controller::Genie { truth.genie().first().copied().unwrap_or(first) } else { first };
+    let mut action = genie.first().copied().unwrap_or(first);
     let (mut actions, mut errors_m, mut seconds) = (Vec::new(), Vec::new(), 0.0);
     for cycle in 0..simulator.cycles() {
         let received = simulator.cycle(cycle, action);

@@ -3,8 +3,9 @@
 //!
 //! Written apart from the core's planning, in f64: an independent account of the same prediction.
 
-use super::choice::{Choose, Seen, best, uniform};
+use super::choice::{Choose, Seen, best};
 use crate::bound::posterior::Posterior;
+use crate::channel::random::normal;
 use cogmint_core::memory::environment::CONFIRMED;
 use cogmint_core::perceptor::association::detection_probability;
 use cogmint_core::perceptor::state_filter::Source;
@@ -49,10 +50,7 @@ impl OnMemory {
         let deviations = match &mut self.reading {
             Reading::Guess => 0.0,
             Reading::Optimist => 1.0,
-            Reading::Sample(rng) => {
-                let radius = (-2.0 * uniform(rng).ln()).sqrt();
-                radius * (std::f64::consts::TAU * uniform(rng)).cos()
-            }
+            Reading::Sample(rng) => normal(rng),
         };
         (deviations * SPREAD_NAT / (1.0 + samples).sqrt()).exp()
     }
