@@ -5,9 +5,9 @@
 #   bash tests/on_target.sh [--json] [--cycles N] [--recording DIR]
 #
 # Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch; and the state
-# filter alone with 24 virtual anchors and 26 ranges per step.
+# filter alone with 24 virtual anchors and 26 ranges per step; and planning alone, 20 actions over one and five cycles.
 #
-# Exit code 0 only when all hashes are equal, no panic symbol is linked and the state filter is within its budget.
+# Exit code 0 only when all hashes are equal, no panic symbol is linked and the state filter and planning are within their budgets.
 set -euo pipefail
 here=$PWD
 cd "$(dirname "$0")/.."
@@ -56,11 +56,17 @@ mkdir "$work/filter"
 cargo run --quiet --locked --release -p cogmint-tests --example full_filter -- 60 "$work/filter/feed.bin" \
   >"$work/filter/host.txt"
 
+# Planning at full size: 20 actions, 26 sources.
+mkdir "$work/plan"
+cargo run --quiet --locked --release -p cogmint-tests --example full_plan -- "$work/plan/feed.bin" >"$work/plan/host.txt"
+
 run "$work" "$image"
 run "$work/eight" "$images/estimator"
 run "$work/filter" "$images/filter"
+run "$work/plan" "$images/planning"
 
 cargo run --quiet --locked --release -p cogmint-tests --example target_report -- \
   --target "$target" --image "$image" --host "$work/host.txt" --log "$work/target.txt" \
   --estimator-log "$work/eight/target.txt" \
-  --filter-host "$work/filter/host.txt" --filter-log "$work/filter/target.txt" $json
+  --filter-host "$work/filter/host.txt" --filter-log "$work/filter/target.txt" \
+  --plan-host "$work/plan/host.txt" --plan-log "$work/plan/target.txt" $json

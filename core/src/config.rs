@@ -87,8 +87,13 @@ pub struct ControllerSettings {
     pub horizon: usize,
     /// The action of the first cycle.
     pub first_action: usize,
-    /// SINR (linear) assumed of a source and action never observed (0.01 to 1e6).
+    /// SINR (linear) assumed of a source never observed, with the library's first action (0.01 to 1e6).
     pub prior_sinr: f32,
+    /// Whether what is heard with an action also tells of those whose spectra it overlaps.
+    pub neighbours: bool,
+    /// The action to go to after three lost frames. Where there is one, every choice is announced to the other end one
+    /// cycle before it is used; without, it is used at once.
+    pub rendezvous: Option<usize>,
 }
 
 /// The variants of multipath-assisted tracking that are told apart in publications (MINT: multipath-assisted indoor
@@ -181,12 +186,14 @@ impl Default for Config {
             },
             controller: ControllerSettings {
                 reward: Reward::InformationGain,
-                learning: Learning { rate: 0.5, discount: 0.5, bootstrap: false },
-                choice: Choice { temperature_nat: 0.1, exploration: 0.05, hysteresis_nat: 0.05 },
+                learning: Learning { rate: 0.5, experience_rate: 0.02, discount: 0.5, bootstrap: false },
+                choice: Choice { temperature_nat: 0.1, exploration: 0.01, hysteresis_nat: 0.05 },
                 planned_actions: 20,
                 horizon: 1,
                 first_action: 0,
                 prior_sinr: 10.0,
+                neighbours: true,
+                rendezvous: None,
             },
         }
     }
@@ -252,6 +259,7 @@ impl Config {
         }
         within(radio.false_paths_per_frame, 1e-4, 10.0, Setting::FalsePaths)?;
         within(controller.learning.rate, 0.0, 1.0, Setting::LearningRate)?;
+        within(controller.learning.experience_rate, 0.0, 1.0, Setting::LearningRate)?;
         within(controller.learning.discount, 0.0, 1.0, Setting::Discount)?;
         within(controller.choice.temperature_nat, 1e-3, 100.0, Setting::Temperature)?;
         within(controller.choice.exploration, 0.0, 1.0, Setting::Exploration)?;

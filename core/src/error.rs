@@ -115,6 +115,8 @@ pub enum Error {
     },
     /// The tag's height is not finite or beyond 1 km.
     TagHeight,
+    /// A SINR told to the channel memory is not finite, or there is not one per action.
+    ToldSinr,
 }
 
 /// The configuration values that can be out of range.
@@ -146,6 +148,7 @@ pub enum Setting {
     LibraryEmpty,
     LibraryLength,
     FirstAction,
+    Rendezvous,
     LearningRate,
     Discount,
     Temperature,
@@ -196,6 +199,7 @@ impl fmt::Display for Error {
                 write!(f, "anchor {anchor} delivered {given} ranges, at most {limit} allowed")
             }
             Error::TagHeight => write!(f, "the tag's height is out of range"),
+            Error::ToldSinr => write!(f, "one finite SINR per action must be told"),
         }
     }
 }

@@ -9,6 +9,7 @@
 //! - [`cycle::Tracker`]: the whole perception-action cycle in one call. For firmware that wants a position.
 //! - [`perceptor`]: channel estimator, association, state filter, discovery. Each can be used alone.
 //! - [`memory`], [`information`], [`controller`]: what is remembered, what a measurement tells, what to do next.
+//! - [`application`], optional: where to go next.
 //!
 //! Every layer is public and documented. Input comes as [`observation`]s; [`config::Config`] is plain data. The
 //! tracker checks everything it is given: bad input is an [`Error`] and changes nothing. The stages below it never
@@ -45,6 +46,7 @@
 extern crate std;
 
 pub mod anchor;
+pub mod application;
 pub mod config;
 pub mod controller;
 pub mod cycle;

@@ -45,6 +45,8 @@ pub struct CycleReport {
     pub action: usize,
     /// Index of the next action.
     pub next_action: usize,
+    /// Index of the action after that, which the next frame is to announce; `None` where nothing is announced.
+    pub announced_action: Option<usize>,
     /// The next action.
     pub next: Action,
 }

@@ -56,6 +56,16 @@ pub fn interferer(median_sinr_db: f64) -> Interference {
     }
 }
 
+/// The same interferer, moving to `then_hz` half-way through its time; there, too, it leaves the paths in use a median
+/// SINR of `median_sinr_db`.
+pub fn moving_interferer(median_sinr_db: f64, then_hz: f64) -> [Interference; 2] {
+    let first = interferer(median_sinr_db);
+    let [from, to] = first.during.0;
+    let moves = 0.5 * (from + to);
+    let then = Interference { carrier_hz: then_hz, during: Part([moves, to]), ..first.clone() };
+    [Interference { during: Part([from, moves]), ..first }, then]
+}
+
 /// Cycles during which the first interferer transmits, from and to.
 pub fn interfered(simulator: &Simulator) -> [usize; 2] {
     let channel = simulator.channel();

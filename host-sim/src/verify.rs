@@ -505,6 +505,12 @@ impl Comparison {
         for (action, (a, b)) in policy.iter().zip(&reference.policy).enumerate() {
             self.float(stage, format_args!("policy of action {action}"), *a, *b);
         }
+        let words = core.choice_words();
+        let names =
+            ["action held", "action chosen", "present action", "action announced", "cycles without a frame"];
+        for ((name, a), b) in names.iter().zip(words).zip(choice_words(reference)) {
+            self.count(stage, format_args!("{name}"), a, b);
+        }
     }
 
     fn report(&mut self, core: &Step, reference: &Intermediates<f32>) {
@@ -548,11 +554,21 @@ impl Comparison {
     }
 }
 
+/// The core's `choice_words` of the reference.
+fn choice_words(reference: &Reference<f32>) -> [u32; 5] {
+    let Reference { held, chosen, action, announced, silent_cycles, .. } = reference;
+    // Without a rendezvous nothing is announced and nobody counts.
+    if reference.rendezvous().is_none() {
+        return [*held as u32, *chosen as u32, *chosen as u32, 0, 0];
+    }
+    [*held as u32, *chosen as u32, *action as u32, *announced as u32, *silent_cycles]
+}
+
 /// The core's hash, over the reference's state: nothing kept escapes the comparison.
 fn state_hash(reference: &Reference<f32>) -> u64 {
     let mut hash = TraceHash::default();
     hash.word(reference.cycle);
-    hash.word(reference.action as u32);
+    choice_words(reference).into_iter().for_each(|word| hash.word(word));
     reference.filter.visit(&mut |_, value| hash.float(value));
     for (slot, record) in reference.environment.in_use() {
         hash.word(slot as u32);
@@ -568,9 +584,9 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
         acquisition.visit(&mut |_, value| hash.float(value));
     }
     hash.float(reference.loss.doubt_nat);
-    for value in reference.values.iter().chain(&reference.policy).chain(&reference.unexplained) {
-        hash.float(*value);
-    }
+    reference.values.iter().chain(&reference.policy).for_each(|value| hash.float(*value));
+    hash.float(reference.planned_reward.unwrap_or(0.0));
+    reference.unexplained.iter().for_each(|value| hash.float(*value));
     for last in &reference.last_sequence {
         hash.word(u32::from(last.is_some()));
         hash.word(last.unwrap_or(0));

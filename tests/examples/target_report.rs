@@ -10,8 +10,10 @@ use std::process::ExitCode;
 const STAGES: [&str; 8] =
     ["receive", "estimate", "predict", "associate", "update", "remember", "discover", "act"];
 
-/// The state filter alone at full size: the one budget whose must is a limit.
+/// The state filter alone at full size: its must is a limit.
 const FILTER_BUDGET: &str = "filter_52_states_26_ranges";
+/// Planning alone at full size, over one and five cycles: their musts are limits.
+const PLAN_BUDGETS: [&str; 2] = ["planning_20_actions_horizon_1", "planning_20_actions_horizon_5"];
 
 /// Must and aim of the specification, section 6.
 #[derive(Serialize)]
@@ -44,6 +46,8 @@ struct Report {
     estimator: Estimator,
     /// The state filter alone.
     filter: Filter,
+    /// Planning alone.
+    planning: Planning,
     budgets: BTreeMap<&'static str, Budget>,
 }
 
@@ -136,6 +140,37 @@ impl Filter {
     }
 }
 
+/// What a plan of 20 actions costs with two physical and 24 virtual anchors.
+#[derive(Serialize)]
+struct Planning {
+    /// Whether its bits are the host's for every horizon.
+    equal: bool,
+    /// For horizons of one and five cycles.
+    instructions: [u64; 2],
+    stack_bytes: u64,
+}
+
+impl Planning {
+    fn read(host: &str, log: &str) -> Result<Self, Box<dyn Error>> {
+        let mut hashes = Vec::new();
+        let mut instructions = Vec::new();
+        let mut stack_bytes = 0;
+        for line in log.lines() {
+            match line.split_whitespace().collect::<Vec<_>>().as_slice() {
+                ["horizon", _, "hash", hash, count, "stack", stack] => {
+                    hashes.push(hash.to_string());
+                    instructions.push(count.parse()?);
+                    stack_bytes = stack_bytes.max(stack.parse()?);
+                }
+                _ => eprintln!("target_report: the planning's firmware said: {line}"),
+            }
+        }
+        let host: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(3)).collect();
+        let instructions = instructions.try_into().map_err(|_| "the planning's firmware did not end")?;
+        Ok(Self { equal: hashes == host, instructions, stack_bytes })
+    }
+}
+
 fn main() -> ExitCode {
     match report() {
         Ok(true) => ExitCode::SUCCESS,
@@ -159,6 +194,10 @@ fn report() -> Result<bool, Box<dyn Error>> {
     let filter = Filter::read(
         &std::fs::read_to_string(value("--filter-host")?)?,
         &std::fs::read_to_string(value("--filter-log")?)?,
+    )?;
+    let planning = Planning::read(
+        &std::fs::read_to_string(value("--plan-host")?)?,
+        &std::fs::read_to_string(value("--plan-log")?)?,
     )?;
     let image = std::fs::read(value("--image")?)?;
     let host_hashes: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
@@ -240,6 +279,7 @@ fn report() -> Result<bool, Box<dyn Error>> {
         instructions_per_stage,
         estimator,
         filter,
+        planning,
         budgets: BTreeMap::from([
             ("estimator_instructions_8_paths", budget(1_400_000, 700_000)),
             ("estimator_state_and_scratch_bytes", budget(16_384, 10_240)),
@@ -247,6 +287,8 @@ fn report() -> Result<bool, Box<dyn Error>> {
             ("instructions_without_estimate", budget(1_000_000, 500_000)),
             ("instructions_predict_and_update", budget(280_000, 200_000)),
             (FILTER_BUDGET, budget(280_000, 200_000)),
+            (PLAN_BUDGETS[0], budget(300_000, 100_000)),
+            (PLAN_BUDGETS[1], budget(1_200_000, 400_000)),
             ("ram_bytes", budget(65_536, 32_768)),
             ("flash_bytes", budget(131_072, 65_536)),
             ("panic_symbols", budget(0, 0)),
@@ -260,11 +302,15 @@ fn report() -> Result<bool, Box<dyn Error>> {
     for name in &panics {
         eprintln!("target_report: linked panic symbol {name}");
     }
-    let within = report.filter.instructions_max <= report.budgets[FILTER_BUDGET].must;
+    let limits = [FILTER_BUDGET, PLAN_BUDGETS[0], PLAN_BUDGETS[1]].map(|name| report.budgets[name].must);
+    let [one, five] = report.planning.instructions;
+    let within =
+        [report.filter.instructions_max, one, five].iter().zip(limits).all(|(own, most)| *own <= most);
     if !within {
-        eprintln!("target_report: the state filter needs {} instructions", report.filter.instructions_max);
+        eprintln!("target_report: the state filter or planning is beyond its budget");
     }
-    Ok(report.equal && report.filter.equal && within && report.panic_symbols == 0)
+    let equal = report.equal && report.filter.equal && report.planning.equal;
+    Ok(equal && within && report.panic_symbols == 0)
 }
 
 fn print(report: &Report) {
@@ -291,6 +337,8 @@ fn print(report: &Report) {
         }
         "instructions_predict_and_update" => stage("predict") + stage("update"),
         FILTER_BUDGET => report.filter.instructions,
+        name if name == PLAN_BUDGETS[0] => report.planning.instructions[0],
+        name if name == PLAN_BUDGETS[1] => report.planning.instructions[1],
         "estimator_instructions_8_paths" => report.estimator.instructions,
         "estimator_state_and_scratch_bytes" => report.estimator.state_and_scratch_bytes,
         "ram_bytes" => report.ram_bytes,
@@ -321,5 +369,10 @@ fn print(report: &Report) {
         report.filter.instructions_update,
         report.filter.state_bytes,
         report.filter.stack_bytes
+    );
+    println!(
+        "planning alone: 20 actions, 26 sources, bits {} the host's; {} bytes of stack",
+        if report.planning.equal { "equal to" } else { "NOT EQUAL to" },
+        report.planning.stack_bytes
     );
 }

@@ -4,6 +4,7 @@
 
 pub mod estimator_fuzz;
 pub mod full_filter;
+pub mod full_plan;
 pub mod mutation;
 pub mod outcome;
 

@@ -51,6 +51,18 @@ fn track_prints_one_object_with_the_keys_promised() {
 }
 
 #[test]
+fn an_experiment_on_controllers_names_the_folder_that_it_cannot_draw_into() {
+    let folder = Folder::new("experiment-controllers-plot");
+    fs::write(folder.path().join("file"), "").unwrap();
+    let arguments = ["experiment", "controllers", "--runs", "1", "--plot", "file/pictures"];
+    let output = cogmint(folder.path(), &arguments);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).contains("file/pictures"), "{}", text(&output.stderr));
+    // It is noticed before the runs.
+    assert!(text(&output.stdout).is_empty(), "{}", text(&output.stdout));
+}
+
+#[test]
 fn an_experiment_on_tracking_prints_its_figures_as_promised() {
     let folder = Folder::new("experiment-tracking");
     let arguments = ["experiment", "tracking", "--runs", "2", "--only", "slam,known-plan", "--json"];

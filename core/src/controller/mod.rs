@@ -2,8 +2,10 @@
 //!
 //! A single-state value function J over the action library. [`reward`] turns entropies into a reward, [`value`]
 //! learns from the action applied and from planned ones, [`planning`] predicts rewards with the filter's own model
-//! and the channel memory, [`mod@policy`] turns values into a choice. [`Controller`] does all of it, once per cycle.
+//! and the channel memory, [`mod@policy`] turns values into a choice, and [`hop`] brings both ends of the link there.
+//! [`Controller`] does all of it, once per cycle.
 
+pub mod hop;
 pub mod library;
 pub mod planning;
 pub mod policy;
@@ -12,12 +14,24 @@ pub mod value;
 
 use crate::config::ControllerSettings;
 use crate::memory::channel::ChannelMemory;
+use hop::Hop;
 use library::{Action, Library};
-use planning::{Outlook, Visible, plan};
-use policy::{choose, planned_set, policy};
+use planning::{Horizon, Outlook, Visible, plan};
+use policy::{explore, planned_set, policy, settle};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use value::ActionValues;
+
+/// What has become of a cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// The action its frames were received with.
+    pub applied: usize,
+    /// Its reward; `None` where it told nothing of the action.
+    pub earned: Option<f32>,
+    /// Whether anything was received.
+    pub heard: bool,
+}
 
 /// Values, policy and present action over a library of at most `ACTIONS` actions.
 #[derive(Clone, Debug)]
@@ -28,7 +42,13 @@ pub struct Controller<const ACTIONS: usize> {
     decisions: u32,
     values: ActionValues<ACTIONS>,
     policy: [f32; ACTIONS],
+    /// The action held; the one chosen differs from it while another is tried.
+    held: usize,
     action: usize,
+    /// Where choices are announced to the other end before they are used.
+    hop: Option<Hop>,
+    /// What the present action was planned to earn; `None` where it was not planned.
+    planned_reward: Option<f32>,
 }
 
 impl<const ACTIONS: usize> Controller<ACTIONS> {
@@ -37,18 +57,45 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     pub fn new(settings: ControllerSettings, library: Library<ACTIONS>, seed: u64) -> Self {
         let values = ActionValues::default();
         let policy = policy(&values, library.len(), settings.choice.temperature_nat);
-        Self { settings, seed, decisions: 0, policy, values, action: settings.first_action, library }
+        let action = settings.first_action;
+        let hop = settings.rendezvous.map(|rendezvous| Hop::new(action, rendezvous));
+        Self {
+            settings,
+            seed,
+            decisions: 0,
+            policy,
+            values,
+            held: action,
+            action,
+            hop,
+            planned_reward: None,
+            library,
+        }
     }
 
-    /// Learns what the action `applied` has `earned`, plans over a part of the library, and chooses the next action.
+    /// Learns from a cycle, plans over a part of the library, and chooses; returns the action of the next cycle, which is
+    /// the one chosen, or the one announced before where choices are announced.
     pub fn decide<const ANCHORS: usize, const VAS: usize>(
         &mut self,
-        applied: usize,
-        earned: f32,
+        outcome: &Outcome,
         outlook: &Outlook,
         visible: impl Iterator<Item = Visible> + Clone,
         memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
     ) -> usize {
+        self.choose(outcome, outlook, visible, memory);
+        if let Some(hop) = &mut self.hop {
+            if outcome.heard { hop.decide(self.action) } else { hop.miss() }
+        }
+        self.action_index()
+    }
+
+    fn choose<const ANCHORS: usize, const VAS: usize>(
+        &mut self,
+        outcome: &Outcome,
+        outlook: &Outlook,
+        visible: impl Iterator<Item = Visible> + Clone,
+        memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    ) {
         let settings = self.settings;
         let count = self.library.len();
         // One generator per decision, from seed and number: randomness is no state to save.
@@ -56,24 +103,35 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.seed ^ u64::from(self.decisions).wrapping_mul(0x9e37_79b9_7f4a_7c15),
         );
         self.decisions = self.decisions.wrapping_add(1);
-        self.values.learn(applied, earned, &self.policy, &settings.learning);
+        if let (Some(earned), Some(planned)) = (outcome.earned, self.planned_reward)
+            && outcome.applied == self.action
+        {
+            self.values.correct(self.action, earned - planned, &settings.learning);
+        }
         self.policy = policy(&self.values, count, settings.choice.temperature_nat);
         if settings.planned_actions == 0 || count < 2 {
-            return self.action;
+            return;
         }
-        let keep = [self.action, self.values.best(count)];
+        let keep = [self.held, self.values.best(count)];
         let planned = planned_set(&self.policy, count, settings.planned_actions, keep, &mut rng);
-        let (horizon, discount) = (settings.horizon, settings.learning.discount);
-        let rewards =
-            plan(&planned, horizon, discount, settings.reward, outlook, visible, memory, &self.library);
-        for (action, (&reward, &wanted)) in rewards.iter().zip(&planned).enumerate() {
-            if wanted {
-                self.values.learn(action, reward, &self.policy, &settings.learning);
-            }
+        let horizon = Horizon {
+            steps: settings.horizon,
+            discount: settings.learning.discount,
+            reward: settings.reward,
+        };
+        let rewards = plan(&planned, &horizon, outlook, visible, memory, &self.library);
+        let reward = |action: usize| rewards.get(action).copied().unwrap_or(0.0);
+        let present = reward(self.held);
+        for (action, _) in planned.iter().enumerate().filter(|(_, wanted)| **wanted) {
+            self.values.learn(action, reward(action) - present, &self.policy, &settings.learning);
         }
         self.policy = policy(&self.values, count, settings.choice.temperature_nat);
-        self.action = choose(&self.values, &self.policy, count, self.action, &settings.choice, &mut rng);
-        self.action
+        self.held = settle(&self.values, count, self.held, &settings.choice);
+        self.values.relate_to(self.held);
+        self.action = explore(&self.policy, count, &settings.choice, &mut rng).unwrap_or(self.held);
+        // Exploration may take an action that was not planned.
+        let known = planned.get(self.action).copied().unwrap_or(false);
+        self.planned_reward = known.then(|| reward(self.action));
     }
 
     /// The library.
@@ -81,14 +139,34 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         &self.library
     }
 
-    /// Index of the present action.
+    /// Index of the action that the next frames use.
     pub fn action_index(&self) -> usize {
-        self.action
+        self.hop.map_or(self.action, |hop| hop.present())
     }
 
-    /// The present action; `None` only where the first one configured is not in the library.
+    /// Index of the action that the next frame announces for the one after it; `None` where nothing is announced.
+    pub fn announced(&self) -> Option<usize> {
+        self.hop.map(|hop| hop.announced())
+    }
+
+    /// The action that the next frames use; `None` only where the first one configured is not in the library.
     pub fn action(&self) -> Option<&Action> {
-        self.library.get(self.action)
+        self.library.get(self.action_index())
+    }
+
+    /// What the action chosen was planned to earn; `None` where it was not planned.
+    pub fn planned_reward(&self) -> Option<f32> {
+        self.planned_reward
+    }
+
+    /// Every whole number of the state, for traces: the actions held, chosen, in use and announced, and the frames lost in a
+    /// row, these last two 0 where nothing is announced.
+    pub fn words(&self) -> [u32; 5] {
+        let (held, chosen) = (self.held as u32, self.action as u32);
+        match &self.hop {
+            Some(hop) => [held, chosen, hop.present() as u32, hop.announced() as u32, hop.lost()],
+            None => [held, chosen, chosen, 0, 0],
+        }
     }
 
     /// The action values.

@@ -2,15 +2,18 @@
 //!
 //! For every planned action the agent's covariance is carried ahead, step by step: prediction, then the
 //! information of all sources expected visible at the predicted position, with range variances from the channel
-//! memory at that action. Geometry does not depend on the action, so each step computes it once for all.
+//! memory at that action, times the probability that the path is found at all. Geometry does not depend on the action, so each step computes it once for all.
 //! The same action is held over the horizon; its rewards are discounted by gamma^(l-1) and normalised.
 
 use super::library::Library;
 use super::reward::{Reward, reward};
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::memory::channel::ChannelMemory;
+use crate::perceptor::association::missed_odds;
 use crate::perceptor::state_filter::{Source, predict_agent};
 use crate::pulse::{Pulse, PulseShape};
+use crate::real::{exp, larger, sqrt};
+use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4};
 
 /// A source expected to be visible.
@@ -45,70 +48,134 @@ pub struct Outlook {
     pub range_floor_m: f32,
     /// Shape of the pulse.
     pub pulse_shape: PulseShape,
+    /// Threshold on the normalised energy of a path below which it is not found.
+    pub threshold: f32,
+}
+
+/// Longest horizon, cycles.
+pub const LONGEST_HORIZON: usize = 16;
+/// Actions that are planned at a time: bounds the scratch memory.
+const BATCH: usize = 8;
+
+/// A source as it will be seen, steps ahead.
+#[derive(Clone, Copy)]
+struct View {
+    slope: [f32; 2],
+    /// Variance that a range has at any SINR, square metres.
+    rest_m2: f32,
+}
+
+/// What is planned for.
+#[derive(Clone, Copy, Debug)]
+pub struct Horizon {
+    /// Steps ahead, cycles: 1 to 16.
+    pub steps: usize,
+    /// Discount gamma per step.
+    pub discount: f32,
+    /// What is earned.
+    pub reward: Reward,
 }
 
 /// Discounted, normalised rewards of the actions in `planned`; zero for the others.
-#[allow(clippy::too_many_arguments)] // each argument is one thing the plan depends on
 pub fn plan<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
     planned: &[bool; ACTIONS],
-    horizon: usize,
-    discount: f32,
-    kind: Reward,
+    horizon: &Horizon,
     outlook: &Outlook,
     visible: impl Iterator<Item = Visible> + Clone,
     memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
     library: &Library<ACTIONS>,
 ) -> [f32; ACTIONS] {
     let mut rewards = [0.0; ACTIONS];
-    let mut covariances = [outlook.covariance; ACTIONS];
-    let floor = outlook.range_floor_m * outlook.range_floor_m;
-    // Range variance at SINR 1, which SINR then divides.
-    let mut unit_variances = [0.0; ACTIONS];
-    for (action, unit) in unit_variances.iter_mut().enumerate() {
+    let mut batch: Vec<usize, BATCH> = Vec::new();
+    for (action, _) in planned.iter().enumerate().filter(|(_, wanted)| **wanted) {
+        // Never full here: the push succeeds.
+        let _ = batch.push(action);
+        if batch.is_full() {
+            plan_batch(&batch, horizon, outlook, visible.clone(), memory, library, &mut rewards);
+            batch.clear();
+        }
+    }
+    plan_batch(&batch, horizon, outlook, visible, memory, library, &mut rewards);
+    rewards
+}
+
+#[inline(never)]
+fn plan_batch<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
+    batch: &Vec<usize, BATCH>,
+    horizon: &Horizon,
+    outlook: &Outlook,
+    visible: impl Iterator<Item = Visible>,
+    memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    library: &Library<ACTIONS>,
+    rewards: &mut [f32; ACTIONS],
+) {
+    // Range variances at SINR 1, which SINR then divides.
+    let mut unit_variances = [0.0; BATCH];
+    for (unit, &action) in unit_variances.iter_mut().zip(batch) {
         if let Some(entry) = library.get(action) {
             let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: outlook.pulse_shape };
             *unit = outlook.variance_inflation * pulse.range_variance_m2(1.0);
         }
     }
-    let mut weight = 1.0;
-    let mut weights = 0.0;
-    for step in 1..=horizon {
-        let ahead_s = step as f32 * outlook.elapsed_s;
-        let [x, y] = outlook.position_m;
-        let [vx, vy] = outlook.velocity_m_s;
-        let (x, y) = (x + ahead_s * vx, y + ahead_s * vy);
-        let mut information = [PositionInformation::default(); ACTIONS];
-        for sight in visible.clone() {
-            let [ax, ay] = sight.position_m;
-            let slope = range_slope([x - ax, y - ay], sight.height_m);
-            let [ux, uy] = slope;
-            let c = &sight.covariance_m2;
-            let map = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
-            for (action, ((sum, unit), wanted)) in
-                information.iter_mut().zip(&unit_variances).zip(planned).enumerate()
-            {
-                if *wanted {
-                    let sinr = memory.sinr(sight.source, action);
-                    sum.add(slope, unit / sinr + floor + map);
+    let threshold_root = sqrt(larger(outlook.threshold, 0.0));
+    let mut information = [[PositionInformation::default(); BATCH]; LONGEST_HORIZON];
+    for sight in visible {
+        let visibility = memory.visibility(sight.source);
+        let views = views(&sight, horizon.steps, outlook);
+        for (place, (&action, unit)) in batch.iter().zip(&unit_variances).enumerate() {
+            let root = exp(0.5 * memory.sinr_ln(sight.source, action));
+            let sinr = root * root;
+            // A path tells something only if it is found: P_d / (unit / SINR + rest).
+            let found = visibility * sinr;
+            let odds = 1.0 + missed_odds(root, threshold_root);
+            for (sums, view) in information.iter_mut().zip(&views) {
+                if let Some(sum) = sums.get_mut(place) {
+                    sum.add_weighted(view.slope, found / (odds * (unit + view.rest_m2 * sinr)));
                 }
             }
         }
+    }
+    for (place, &action) in batch.iter().enumerate() {
+        let sums = information.iter().filter_map(|sums| sums.get(place)).take(horizon.steps);
+        if let Some(reward) = rewards.get_mut(action) {
+            *reward = discounted(sums, horizon, outlook);
+        }
+    }
+}
+
+/// How a source will be seen in each of the next `steps` cycles.
+fn views(sight: &Visible, steps: usize, outlook: &Outlook) -> Vec<View, LONGEST_HORIZON> {
+    let floor_m2 = outlook.range_floor_m * outlook.range_floor_m;
+    let ([x, y], [vx, vy]) = (outlook.position_m, outlook.velocity_m_s);
+    let [ax, ay] = sight.position_m;
+    let c = &sight.covariance_m2;
+    let mut views = Vec::new();
+    for step in 1..=steps.min(LONGEST_HORIZON) {
+        let ahead_s = step as f32 * outlook.elapsed_s;
+        let slope = range_slope([x + ahead_s * vx - ax, y + ahead_s * vy - ay], sight.height_m);
+        let [ux, uy] = slope;
+        let map_m2 = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
+        // As many as the horizon is long: the push succeeds.
+        let _ = views.push(View { slope, rest_m2: floor_m2 + map_m2 });
+    }
+    views
+}
+
+/// Mean reward of a covariance that gets this information step by step, discounted by gamma^(l-1).
+fn discounted<'a>(
+    information: impl Iterator<Item = &'a PositionInformation>,
+    horizon: &Horizon,
+    outlook: &Outlook,
+) -> f32 {
+    let mut covariance = outlook.covariance;
+    let (mut total, mut weight, mut weights) = (0.0, 1.0, 0.0);
+    for sum in information {
+        let predicted = predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2);
+        let posterior = sum.posterior(&predicted);
+        total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
         weights += weight;
-        let rows = rewards.iter_mut().zip(&mut covariances).zip(&information).zip(planned);
-        for (((total, covariance), sum), wanted) in rows {
-            if *wanted {
-                let predicted = predict_agent(covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2);
-                let posterior = sum.posterior(&predicted);
-                *total += weight * reward(kind, covariance, &predicted, &posterior);
-                *covariance = posterior;
-            }
-        }
-        weight *= discount;
+        weight *= horizon.discount;
+        covariance = posterior;
     }
-    if weights > 0.0 {
-        for total in &mut rewards {
-            *total /= weights;
-        }
-    }
-    rewards
+    total / larger(weights, 1e-6)
 }

@@ -13,7 +13,7 @@ use rand_core::Rng;
 pub struct Choice {
     /// Temperature tau of the softmax, nats (1e-3 to 100): smaller is greedier.
     pub temperature_nat: f32,
-    /// Probability epsilon of drawing from the policy instead of taking the best action.
+    /// Probability epsilon of trying an action drawn from the policy for one cycle, instead of the best one.
     pub exploration: f32,
     /// The best action replaces the present one only if it is worth this much more, nats.
     pub hysteresis_nat: f32,
@@ -84,26 +84,35 @@ pub fn planned_set<const ACTIONS: usize>(
     chosen
 }
 
-/// The next action: with probability epsilon drawn from the policy, else the best, with hysteresis.
-pub fn choose<const ACTIONS: usize>(
+/// The action to hold: the best one, but the present one where that is not worth enough more.
+pub fn settle<const ACTIONS: usize>(
     values: &ActionValues<ACTIONS>,
-    policy: &[f32; ACTIONS],
     count: usize,
     present: usize,
     choice: &Choice,
-    rng: &mut impl Rng,
 ) -> usize {
-    if uniform(rng) <= choice.exploration {
-        let mut left = uniform(rng);
-        for (action, &p) in policy.iter().enumerate().take(count) {
-            left -= p;
-            if left <= 0.0 {
-                return action;
-            }
-        }
-    }
     let best = values.best(count);
     if values.get(best) > values.get(present) + choice.hysteresis_nat { best } else { present }
+}
+
+/// With probability epsilon, an action to try for one cycle, drawn from the policy.
+pub fn explore<const ACTIONS: usize>(
+    policy: &[f32; ACTIONS],
+    count: usize,
+    choice: &Choice,
+    rng: &mut impl Rng,
+) -> Option<usize> {
+    if uniform(rng) > choice.exploration {
+        return None;
+    }
+    let mut left = uniform(rng);
+    for (action, &p) in policy.iter().enumerate().take(count) {
+        left -= p;
+        if left <= 0.0 {
+            return Some(action);
+        }
+    }
+    None
 }
 
 #[cfg(test)]
@@ -113,7 +122,7 @@ mod tests {
     use rand_core::SeedableRng;
     use rand_xoshiro::Xoshiro128PlusPlus;
 
-    const LEARNING: Learning = Learning { rate: 1.0, discount: 0.5, bootstrap: false };
+    const LEARNING: Learning = Learning { rate: 1.0, experience_rate: 0.1, discount: 0.5, bootstrap: false };
 
     #[test]
     fn the_policy_sums_to_one_and_no_action_dies() {
@@ -149,12 +158,17 @@ mod tests {
         values.learn(2, 0.04, &[0.25; 4], &LEARNING);
         let pi = policy(&values, 4, 0.1);
         let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05 };
-        assert_eq!(choose(&values, &pi, 4, 0, &still, &mut rng), 0);
+        assert_eq!(settle(&values, 4, 0, &still), 0);
+        assert_eq!(explore(&pi, 4, &still, &mut rng), None);
         let keen = Choice { hysteresis_nat: 0.0, ..still };
-        assert_eq!(choose(&values, &pi, 4, 0, &keen, &mut rng), 2);
+        assert_eq!(settle(&values, 4, 0, &keen), 2);
         let curious = Choice { exploration: 1.0, ..still };
         let mut seen = [false; 4];
-        (0..200).for_each(|_| seen[choose(&values, &pi, 4, 0, &curious, &mut rng)] = true);
+        for _ in 0..200 {
+            if let Some(action) = explore(&pi, 4, &curious, &mut rng) {
+                seen[action] = true;
+            }
+        }
         assert_eq!(seen, [true; 4]);
     }
 }

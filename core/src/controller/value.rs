@@ -1,11 +1,18 @@
-//! Action values J: what each action is believed to be worth.
+//! Action values J: what each action is believed to be worth beyond the present one.
+//!
+//! What a cycle earns falls and rises with the posterior, for all actions alike. Values that kept the level of rewards
+//! would compare an action planned today with one planned long ago. So J is kept relative to the present action, whose
+//! value is near 0; softmax and choice, which see differences only, are the published ones.
 
 /// Learning parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Learning {
-    /// Learning rate alpha, 0 to 1: larger follows changes faster and averages less.
+    /// Learning rate alpha of planned rewards, 0 to 1: larger follows changes faster and averages less.
     pub rate: f32,
+    /// Learning rate of experience, what the applied action has earned beyond what was planned, 0 to 1. Experience
+    /// also knows what the models do not, but a single cycle's is noisy.
+    pub experience_rate: f32,
     /// Discount gamma of later rewards, 0 to 1.
     pub discount: f32,
     /// Whether the bootstrap term gamma sum pi J enters. It is the same for all actions, so it cannot change
@@ -48,6 +55,21 @@ impl<const ACTIONS: usize> ActionValues<ACTIONS> {
         }
         if let Some(value) = self.values.get_mut(action) {
             *value = (1.0 - learning.rate) * *value + learning.rate * target;
+        }
+    }
+
+    /// J(c) <- J(c) + beta (earned - planned): experience with the applied action.
+    pub fn correct(&mut self, action: usize, surprise_nat: f32, learning: &Learning) {
+        if let Some(value) = self.values.get_mut(action) {
+            *value += learning.experience_rate * surprise_nat;
+        }
+    }
+
+    /// Makes values relative to another action, whose own becomes 0.
+    pub fn relate_to(&mut self, action: usize) {
+        let reference = self.get(action);
+        for value in &mut self.values {
+            *value -= reference;
         }
     }
 

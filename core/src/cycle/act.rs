@@ -2,6 +2,7 @@
 
 use super::Tracker;
 use crate::anchor::Anchor;
+use crate::controller::Outcome;
 use crate::controller::planning::{Outlook, Visible};
 use crate::controller::reward::reward;
 use crate::information::entropy::{position_block, position_entropy_nat};
@@ -21,7 +22,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         previous: &Matrix4<f32>,
         predicted: &Matrix4<f32>,
         posterior: &Matrix4<f32>,
-        elapsed_s: f32,
+        (elapsed_s, heard): (f32, bool),
         tag_height_m: Option<f32>,
         report: &mut CycleReport,
     ) {
@@ -35,9 +36,14 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             variance_inflation: self.config.ranging.variance_inflation,
             range_floor_m: self.config.ranging.floor_m,
             pulse_shape: self.config.radio.pulse_shape,
+            threshold: self.estimator.threshold(),
         };
         let visible = visible(&self.anchors, &self.environment, &self.filter, tag_height_m);
-        report.next_action = self.controller.decide(report.action, earned, &outlook, visible, &self.channel);
+        // While the tag is looked for, no measurement is taken: what a cycle earns then says nothing of its action.
+        let learned = (!report.acquiring && heard).then_some(earned);
+        let outcome = Outcome { applied: report.action, earned: learned, heard };
+        report.next_action = self.controller.decide(&outcome, &outlook, visible, &self.channel);
+        report.announced_action = self.controller.announced();
         report.position_m = self.filter.position_m();
         report.position_covariance_m2 = position_block(posterior);
         report.predicted_entropy_nat = position_entropy_nat(&position_block(predicted));
@@ -76,4 +82,18 @@ pub(super) fn visible<'a, const ANCHORS: usize, const VAS: usize>(
         })
     });
     direct.chain(reflected)
+}
+
+impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
+    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+{
+    /// The sources planning counts on, seen from a tag of this height.
+    pub(crate) fn sources(&self, tag_height_m: Option<f32>) -> impl Iterator<Item = Visible> + Clone + '_ {
+        visible(&self.anchors, &self.environment, &self.filter, tag_height_m)
+    }
+
+    /// Index of the action that the next frames should use.
+    pub fn action_index(&self) -> usize {
+        self.controller.action_index()
+    }
 }

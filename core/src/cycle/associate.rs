@@ -11,7 +11,7 @@ use crate::perceptor::loss::evidence_nat;
 use crate::perceptor::overlap::{Arrival, Overlap};
 use crate::perceptor::state_filter::{Regression, Source};
 use crate::pulse::Pulse;
-use crate::real::limited;
+use crate::real::{limited, smaller};
 use heapless::Vec;
 
 /// Detection probability of a path that is hidden at present, and of a virtual anchor that a floor plan tells of and that
@@ -108,13 +108,14 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             detection,
         };
         let direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
-        let direct_path = expectation(&direct, 1.0, self.detection(direct.source, scan));
+        let direct_path =
+            expectation(&direct, 1.0, self.detection(direct.source, scan, Some(direct.range_m)));
         let mut expected =
             Expected { direct, direct_path, virtual_anchors: Vec::new(), expectations: Vec::new() };
         for (slot, record) in self.environment.iter() {
             if record.anchor == anchor {
                 let regression = self.filter.regress(Source::Virtual { anchor, slot }, &sight)?;
-                let detection = self.detection(regression.source, scan);
+                let detection = self.detection(regression.source, scan, Some(regression.range_m));
                 let survival = self.config.association.survival_probability;
                 let existence = self.environment.expected_existence(slot, survival, detection);
                 // One per slot at most: the pushes succeed.
@@ -177,14 +178,14 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Probability that the path of an existing source is found in a scan: of frames by its SINR as remembered.
-    pub(super) fn detection(&self, source: Source, scan: &Scan<PATHS>) -> f32 {
+    pub(super) fn detection(&self, source: Source, scan: &Scan<PATHS>, range_m: Option<f32>) -> f32 {
         let told = self.config.association.detection_probability;
         if !scan.framed {
             return told;
         }
         if self.channel.has_seen(source) {
-            let sinr = self.channel.sinr(source, scan.action);
-            return limited(detection_probability(sinr, scan.threshold), HIDDEN_DETECTION, told);
+            let (_, found) = self.expected_sinr(source, scan, range_m);
+            return limited(self.channel.visibility(source) * found, HIDDEN_DETECTION, told);
         }
         match source {
             Source::Virtual { slot, .. }
@@ -196,12 +197,30 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
     }
 
+    /// SINR of a source in a scan if nothing hides it, and the probability that it is then found: what is remembered, or
+    /// less where the frame is noisier.
+    pub(super) fn expected_sinr(
+        &self,
+        source: Source,
+        scan: &Scan<PATHS>,
+        range_m: Option<f32>,
+    ) -> (f32, f32) {
+        let mut sinr = self.channel.sinr(source, scan.action);
+        if let Some(range_m) = range_m
+            && let Some(level) = scan.level(range_m)
+            && let Some(now) = self.channel.sinr_over(source, scan.action, range_m, level)
+        {
+            sinr = smaller(sinr, now);
+        }
+        (sinr, detection_probability(sinr, scan.threshold))
+    }
+
     /// The same for every slot of the map; 0 for free ones.
     pub(super) fn detections(&self, scan: &Scan<PATHS>) -> [f32; VAS] {
         let mut detections = [0.0; VAS];
         for (slot, record) in self.environment.iter() {
             if let Some(detection) = detections.get_mut(slot) {
-                *detection = self.detection(Source::Virtual { anchor: record.anchor, slot }, scan);
+                *detection = self.detection(Source::Virtual { anchor: record.anchor, slot }, scan, None);
             }
         }
         detections

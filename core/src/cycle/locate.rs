@@ -73,7 +73,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         let mut detections: Vec<(f32, [f32; VAS]), ANCHORS> = Vec::new();
         for scan in scans {
-            let direct = self.detection(Source::Direct { anchor: scan.anchor }, scan);
+            let direct = self.detection(Source::Direct { anchor: scan.anchor }, scan, None);
             // As many as scans: the push succeeds.
             let _ = detections.push((direct, self.detections(scan)));
         }
@@ -164,7 +164,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 let variance = regression.variance_m2() + measurement.variance_m2;
                 nearest = smaller(nearest, innovation * innovation / variance);
             }
-            suspicion.enter(self.detection(source, scan), nearest);
+            suspicion.enter(self.detection(source, scan, Some(regression.range_m)), nearest);
         }
         if !suspicion.is_raised() {
             return;

@@ -24,7 +24,7 @@ use crate::perceptor::acquisition::Acquisition;
 use crate::perceptor::channel_estimator::ChannelEstimator;
 use crate::perceptor::discovery::Discovery;
 use crate::perceptor::loss::LossMonitor;
-use crate::perceptor::state_filter::{Sight, StateFilter};
+use crate::perceptor::state_filter::{Sight, Source, StateFilter};
 use crate::pulse::Pulse;
 use crate::report::CycleReport;
 use crate::trace::TraceHash;
@@ -74,6 +74,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let Some(first) = library.get(config.controller.first_action) else {
             return Err(Error::Configuration(Setting::FirstAction));
         };
+        if config.controller.rendezvous.is_some_and(|rendezvous| library.get(rendezvous).is_none()) {
+            return Err(Error::Configuration(Setting::Rendezvous));
+        }
         if anchors.is_empty() {
             return Err(Error::AnchorCount { given: 0, limit: ANCHORS });
         }
@@ -114,7 +117,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             cycle: 0,
             filter,
             environment,
-            channel: ChannelMemory::new(config.controller.prior_sinr),
+            channel: ChannelMemory::new(config.controller.prior_sinr, config.controller.neighbours, &library),
             discovery: Discovery::default(),
             acquisition: Some(Acquisition::new(start, speed * speed)),
             loss: LossMonitor::default(),
@@ -197,6 +200,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             if !self.loss.is_doubtful() {
                 self.discover(&heard, tag_height_m, &mut report);
             }
+        } else {
+            observer.stage(Stage::Remember);
+            self.channel.age();
+            heard.iter().for_each(|associated| self.remember_noise(associated));
         }
         let posterior = self.filter.agent_covariance();
 
@@ -205,7 +212,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let framed = heard.iter().find(|associated| associated.scan.framed);
         let applied = framed.map_or(self.controller.action_index(), |associated| associated.scan.action);
         report.action = applied;
-        self.act(&previous, &predicted, &posterior, elapsed_s, tag_height_m, &mut report);
+        let received = (elapsed_s, !scans.is_empty());
+        self.act(&previous, &predicted, &posterior, received, tag_height_m, &mut report);
 
         self.finish(observations);
         observer.stage(Stage::Done);
@@ -252,6 +260,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             map_full: 0,
             action: self.controller.action_index(),
             next_action: self.controller.action_index(),
+            announced_action: self.controller.announced(),
             next: next.unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
         }
     }
@@ -271,6 +280,19 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &self.channel
     }
 
+    /// Tells the channel memory the SINR (linear) of a source at every action, which no radio can know: see
+    /// [`ChannelMemory::tell`].
+    ///
+    /// # Errors
+    /// A SINR that is not finite, or not one per action; nothing is told then.
+    pub fn tell_channel(&mut self, source: Source, sinr: &[f32]) -> Result<(), Error> {
+        if sinr.len() != self.library().len() || !sinr.iter().all(|sinr| sinr.is_finite()) {
+            return Err(Error::ToldSinr);
+        }
+        self.channel.tell(source, sinr);
+        Ok(())
+    }
+
     /// The candidates for virtual anchors.
     pub fn discovery(&self) -> &Discovery<ANCHORS> {
         &self.discovery
@@ -284,6 +306,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// Action values and policy.
     pub fn controller(&self) -> (&ActionValues<ACTIONS>, &[f32; ACTIONS]) {
         (self.controller.values(), self.controller.policy())
+    }
+
+    /// What is held, chosen, in use and announced: see [`Controller::words`].
+    pub fn choice_words(&self) -> [u32; 5] {
+        self.controller.words()
     }
 
     /// Mean number of measurements per scan of each anchor that nothing known explains.
@@ -320,7 +347,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     pub fn hash(&self) -> u64 {
         let mut hash = TraceHash::default();
         hash.word(self.cycle);
-        hash.word(self.controller.action_index() as u32);
+        self.controller.words().into_iter().for_each(|word| hash.word(word));
         self.filter.visit(|v| hash.float(v));
         for (slot, record) in self.environment.iter() {
             hash.word(slot as u32);
@@ -338,6 +365,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.loss.visit(|v| hash.float(v));
         let (values, policy) = (self.controller.values().values(), self.controller.policy());
         values.iter().chain(policy).for_each(|v| hash.float(*v));
+        hash.float(self.controller.planned_reward().unwrap_or(0.0));
         self.unexplained.iter().for_each(|v| hash.float(*v));
         for last in self.last_sequence {
             hash.word(u32::from(last.is_some()));

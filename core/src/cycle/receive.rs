@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::observer::Observer;
 use crate::perceptor::association::{Measurement, false_alarm};
-use crate::perceptor::channel_estimator::ChannelEstimator;
+use crate::perceptor::channel_estimator::{ChannelEstimator, NoiseLevel};
 use crate::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 use heapless::Vec;
@@ -23,11 +23,19 @@ pub(super) struct Scan<const PATHS: usize> {
     pub(super) framed: bool,
     /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
     pub(super) threshold: f32,
+    /// The frame's noise, its first sample's delay and its spacing, seconds; none without a frame.
+    pub(super) noise: Option<(NoiseLevel, f32, f32)>,
     /// Ranges and paths that there was no room for.
     pub(super) left_out: u32,
 }
 
 impl<const PATHS: usize> Scan<PATHS> {
+    /// Level of noise and dense multipath where a path of this length arrives; `None` without a frame.
+    pub(super) fn level(&self, range_m: f32) -> Option<f32> {
+        let (noise, first_s, spacing_s) = self.noise.as_ref()?;
+        Some(noise.level((range_m / SPEED_OF_LIGHT_M_S - first_s) / spacing_s, *spacing_s))
+    }
+
     /// Takes a range in; where all places are taken, in the place of the one that tells least, if that is worse: the
     /// larger variance, then the longer, then the later. The others keep their order.
     fn take_range(&mut self, measurement: Measurement) {
@@ -141,6 +149,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 measurements: Vec::new(),
                 framed: false,
                 threshold: 0.0,
+                noise: None,
                 left_out: 0,
             };
             let mut heard = false;
@@ -203,6 +212,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         into.action = frame.action;
         into.framed = true;
         into.threshold = self.estimator.threshold();
+        into.noise = Some((estimate.noise, frame.first_sample_delay_s, self.config.radio.sample_spacing_s));
         let ranges = into.measurements.len();
         let resolution_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         for path in &estimate.paths {

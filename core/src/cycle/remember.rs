@@ -3,9 +3,9 @@
 use super::Tracker;
 use super::associate::AssociatedScan;
 use super::receive::Scan;
-use crate::memory::environment::CONFIRMED;
+use crate::memory::channel::Shares;
 use crate::perceptor::association::Belief;
-use crate::perceptor::state_filter::Source;
+use crate::perceptor::state_filter::{Regression, Source};
 use crate::real::larger;
 use crate::report::CycleReport;
 use heapless::Vec;
@@ -24,16 +24,20 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.channel.age();
         for associated in heard {
             let scan = &associated.scan;
-            for (regression, belief) in associated.features() {
-                if self.loss.is_doubtful() {
-                    // What is missing from here may be where it was: the tag is not.
-                    break;
-                }
+            let shares = scan.framed.then(|| self.channel.shares(scan.action, self.controller.library()));
+            // What is missing from a doubtful place may be where it was: the tag is not.
+            if self.loss.is_doubtful() {
+                self.remember_noise(associated);
+            }
+            let judged = if self.loss.is_doubtful() { 0 } else { usize::MAX };
+            for (regression, belief) in associated.features().take(judged) {
                 if let Source::Virtual { slot, .. } = regression.source {
-                    let detection = self.detection(regression.source, scan);
+                    let detection = self.detection(regression.source, scan, Some(regression.range_m));
                     self.environment.remember(slot, belief.existence, belief.missed < 0.5, detection);
                 }
-                self.remember_channel(regression.source, scan, belief);
+                if let Some(shares) = &shares {
+                    self.remember_channel(regression, scan, shares, belief);
+                }
             }
             let mut expected = 0.0;
             report.anchors_heard += 1;
@@ -49,21 +53,39 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
     }
 
-    /// SINR of a source from what one scan showed of it.
-    fn remember_channel(&mut self, source: Source, scan: &Scan<PATHS>, belief: &Belief<PATHS>) {
+    /// What the noise of a frame tells of the SINR of every source, from roughly where the tag is.
+    #[inline(never)]
+    pub(super) fn remember_noise(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
+        let scan = associated.scan;
+        if !scan.framed {
+            return;
+        }
+        let shares = self.channel.shares(scan.action, self.controller.library());
+        for (regression, _) in associated.features() {
+            let Regression { source, range_m, .. } = *regression;
+            if let Some(level) = scan.level(range_m)
+                && let Some(sinr) = self.channel.sinr_over(source, scan.action, range_m, level)
+            {
+                self.channel.remember_noise(source, scan.action, &shares, sinr);
+            }
+        }
+    }
+
+    /// SINR and visibility of a source from what one frame showed of it.
+    fn remember_channel(
+        &mut self,
+        regression: &Regression,
+        scan: &Scan<PATHS>,
+        shares: &Shares<ACTIONS>,
+        belief: &Belief<PATHS>,
+    ) {
+        let source = regression.source;
         for (measurement, &weight) in scan.measurements.iter().zip(&belief.associated) {
             if weight > 0.5 && measurement.sinr > 0.0 {
-                self.channel.remember(source, scan.action, self.controller.library(), measurement, weight);
+                self.channel.remember(source, scan.action, shares, measurement, weight);
             }
         }
-        let exists = match source {
-            Source::Direct { .. } => true,
-            Source::Virtual { slot, .. } => {
-                self.environment.get(slot).is_some_and(|record| record.existence > CONFIRMED)
-            }
-        };
-        if scan.framed && exists && belief.missed > 0.5 {
-            self.channel.remember_missed(source, scan.action, self.controller.library(), belief.missed);
-        }
+        let expected = self.expected_sinr(source, scan, Some(regression.range_m));
+        self.channel.remember_missed(source, scan.action, shares, expected, belief.missed);
     }
 }

@@ -29,8 +29,12 @@ pub fn range_slope(d: [f32; 2], height_m: f32) -> [f32; 2] {
 impl PositionInformation {
     /// Adds a range of variance `variance_m2` along `slope`.
     pub fn add(&mut self, slope: [f32; 2], variance_m2: f32) {
+        self.add_weighted(slope, 1.0 / larger(variance_m2, 1e-12));
+    }
+
+    /// Adds a range of inverse variance `weight` (1/m^2) along `slope`.
+    pub fn add_weighted(&mut self, slope: [f32; 2], weight: f32) {
         let [ux, uy] = slope;
-        let weight = 1.0 / larger(variance_m2, 1e-12);
         self.xx += weight * (ux * ux);
         self.yx += weight * (ux * uy);
         self.yy += weight * (uy * uy);

@@ -1,7 +1,10 @@
 //! `cogmint experiment`: Monte Carlo experiments.
 
+mod carriers;
 mod controllers;
+mod survival;
 mod tracking;
+mod waypoints;
 
 use super::{print, print_json};
 use crate::Failure;
@@ -23,6 +26,10 @@ pub enum Experiment {
     Tracking(tracking::Options),
     /// What choosing the carrier is worth: the core's controller beside others, in a scenario.
     Controllers(controllers::Options),
+    /// What choosing waypoints is worth: the core's application layer beside a straight walk and a random one.
+    Waypoints(waypoints::Options),
+    /// How much interference each controller survives, in a scenario.
+    Survival(survival::Options),
 }
 
 #[derive(clap::Args)]
@@ -81,6 +88,8 @@ pub fn run(experiment: &Experiment) -> Result<(), Failure> {
         Experiment::Estimator(options) => estimator(options),
         Experiment::Tracking(options) => tracking::run(options),
         Experiment::Controllers(options) => controllers::run(options),
+        Experiment::Waypoints(options) => waypoints::run(options),
+        Experiment::Survival(options) => survival::run(options),
         Experiment::EightPaths(options) => {
             Recording::may_replace(&options.out)?;
             Ok(eight_paths(options.frames as usize, options.seed).write(&options.out)?)

@@ -5,4 +5,6 @@ pub mod controllers;
 pub mod eight_paths;
 pub mod estimator;
 pub mod response;
+pub mod survival;
 pub mod tracking;
+pub mod waypoints;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::Picture;
 use super::axis::{Axis, BELOW, Frame};
+use super::blocks::{Block, block_legend, draw_blocks};
 use super::svg::{
     Align, Area, Key, SOFT_INK, Stroke, Svg, TEXT_SIZE, TextStyle, colour, dashes, legend_height, text_width,
     title_height,
@@ -60,12 +61,37 @@ impl LineFigure {
     }
 
     pub(super) fn height(&self, width: f64) -> f64 {
-        let (_, legend) = looks(&self.series);
+        self.height_over(width, &[])
+    }
+
+    /// The height with blocks behind the lines.
+    pub(super) fn height_over(&self, width: f64, blocks: &[Block]) -> f64 {
+        let (_, mut legend) = looks(&self.series);
+        legend.extend(block_legend(blocks));
         title_height(&self.title, width) + legend_height(&legend, width) + (0.36 * width).max(230.0) + BELOW
     }
 
     pub(super) fn draw(&self, svg: &mut Svg, area: Area) {
-        let (looks, legend) = looks(&self.series);
+        self.draw_over(svg, area, &[], 0.0);
+    }
+
+    /// Draws the figure over shaded blocks, which its vertical axis then holds too. Every line of a new name is `nesting`
+    /// thinner than those before it, so that lines on each other all remain visible.
+    pub(super) fn draw_over(&self, svg: &mut Svg, area: Area, blocks: &[Block], nesting: f64) {
+        let (looks, mut legend) = looks(&self.series);
+        let last = looks.iter().copied().max().unwrap_or(0);
+        let extra = |look: usize| nesting * (last - look) as f64;
+        // Every name has a look; those without an entry in the legend are empty.
+        let named = self.series.iter().zip(&looks).filter(|(series, _)| !series.label.is_empty());
+        let mut named: Vec<usize> = named.map(|(_, &look)| look).collect();
+        named.sort_unstable();
+        named.dedup();
+        for ((key, _), &look) in legend.iter_mut().zip(&named) {
+            if let Key::Line(stroke) = key {
+                stroke.width += extra(look);
+            }
+        }
+        legend.extend(block_legend(blocks));
         let mut top = area.top + svg.title(&self.title, area.left, area.top, area.width);
         top += svg.legend(&legend, area.left, top, area.width) + 2.0;
         let height = area.bottom() - BELOW - top;
@@ -76,17 +102,22 @@ impl LineFigure {
             Some(_) => Axis::around(points().filter(drawable).map(|point| point[0]), false),
             None => Axis::around(ends, false),
         };
-        let y = Axis::around(points().filter(drawable).map(|point| point[1]), self.log_y).with_room();
+        let levels = points().filter(drawable).map(|point| point[1]);
+        let edges = blocks.iter().flat_map(|block| block.y);
+        let y = Axis::around(levels.chain(edges), self.log_y).with_room();
         let left = area.left + Frame::left_room(&y.upright_ticks(height));
         // The last tick's label reaches over the frame's end.
         let frame = Frame { area: Area { left, top, width: area.right() - left - 16.0, height }, x, y };
         draw_spans(svg, &self.spans, &frame);
+        draw_blocks(svg, blocks, &frame);
         frame.draw(svg, &self.x_label, &self.y_label);
         svg.begin_clip(frame.area);
         for faint in [true, false] {
             for (series, &look) in self.series.iter().zip(&looks).filter(|(series, _)| series.faint == faint)
             {
-                draw_line(svg, &frame, &series.points, stroke(look, faint));
+                let mut stroke = stroke(look, faint);
+                stroke.width += if faint { 0.0 } else { extra(look) };
+                draw_line(svg, &frame, &series.points, stroke);
             }
         }
         svg.end_clip();

@@ -6,6 +6,7 @@
 //! [`Picture`].
 
 mod axis;
+mod blocks;
 mod channel;
 mod floor;
 mod heat_map;
@@ -23,6 +24,7 @@ use std::sync::{Arc, OnceLock};
 use resvg::tiny_skia::{Color, Pixmap, Transform};
 use resvg::usvg;
 
+pub use blocks::{Block, BlockFigure};
 pub use channel::{ChannelFigure, ChannelPath};
 pub use heat_map::{HeatMap, HeatRows};
 pub use lines::{LineFigure, Series, Span};
@@ -44,6 +46,8 @@ pub enum Panel {
     Track(TrackFigure),
     /// Lines over a common axis.
     Lines(LineFigure),
+    /// Lines over shaded blocks.
+    Blocks(BlockFigure),
     /// A map of values as colours.
     HeatMap(HeatMap),
     /// A channel response and the paths in it.
@@ -61,6 +65,12 @@ impl From<TrackFigure> for Panel {
 impl From<LineFigure> for Panel {
     fn from(figure: LineFigure) -> Self {
         Self::Lines(figure)
+    }
+}
+
+impl From<BlockFigure> for Panel {
+    fn from(figure: BlockFigure) -> Self {
+        Self::Blocks(figure)
     }
 }
 
@@ -88,6 +98,7 @@ impl Panel {
         match self {
             Self::Track(figure) => figure.height(width),
             Self::Lines(figure) => figure.height(width),
+            Self::Blocks(figure) => figure.height(width),
             Self::HeatMap(figure) => figure.height(width),
             Self::Channel(figure) => figure.height(width),
             Self::Room(figure) => figure.height(width),
@@ -98,6 +109,7 @@ impl Panel {
         match self {
             Self::Track(figure) => figure.draw(svg, area),
             Self::Lines(figure) => figure.draw(svg, area),
+            Self::Blocks(figure) => figure.draw(svg, area),
             Self::HeatMap(figure) => figure.draw(svg, area),
             Self::Channel(figure) => figure.draw(svg, area),
             Self::Room(figure) => figure.draw(svg, area),

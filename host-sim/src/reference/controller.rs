@@ -1,17 +1,17 @@
 //! The controller: which action comes next.
 //!
-//! Every action c has a value J(c), learned from rewards r: J <- (1 - alpha) J + alpha r. The action applied earns what
-//! the cycle was worth; a drawn set of actions earns what planning predicts for each. The policy is
-//! pi = softmax(J / tau) with a floor; the next action is the best, or with probability epsilon one from the policy.
+//! Every action c has a value J(c), what it is worth beyond the present one: J <- (1 - alpha) J + alpha (r - r_present) of
+//! the rewards that planning predicts for a drawn set of actions, and J <- J + beta (earned - planned) for the one applied. The policy is
+//! pi = softmax(J / tau) with a floor; the best action is held, and with probability epsilon one from the policy tried.
 
 use super::Matrix;
+use super::association::missed_odds;
 use super::channel_memory::ChannelMemory;
 use super::information::{PositionInformation, determinant, position_entropy_nat, range_slope};
 use super::pulse::Pulse;
-use super::real::{Real, abs, exp, larger, limited, ln, square};
+use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square};
 use super::state_filter::predict_agent;
 use cogmint_core::controller::library::Action;
-use cogmint_core::controller::policy::Choice;
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::controller::value::Learning;
 use cogmint_core::perceptor::state_filter::Source;
@@ -55,6 +55,11 @@ impl<T: Real> Library<T> {
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.actions.is_empty()
+    }
+
+    /// Carrier of an action, hertz.
+    pub fn carrier_hz(&self, action: usize) -> T {
+        self.carrier_hz[action]
     }
 
     /// The pulse of an action.
@@ -184,26 +189,13 @@ pub fn planned_set<T: Real>(
     chosen
 }
 
-/// The next action.
-pub fn choose<T: Real>(
-    values: &[T],
-    policy: &[T],
-    count: usize,
-    present: usize,
-    choice: &Choice,
-    rng: &mut impl Rng,
-) -> usize {
-    if uniform::<T>(rng) <= T::of(choice.exploration) {
-        let mut left = uniform::<T>(rng);
-        for c in 0..count {
-            left -= policy[c];
-            if left <= T::ZERO {
-                return c;
-            }
-        }
-    }
-    let best = best(values, count);
-    if values[best] > values[present] + T::of(choice.hysteresis_nat) { best } else { present }
+/// An action drawn from the policy; none where rounding leaves a rest.
+pub fn draw<T: Real>(policy: &[T], count: usize, rng: &mut impl Rng) -> Option<usize> {
+    let mut left = uniform::<T>(rng);
+    (0..count).find(|&c| {
+        left -= policy[c];
+        left <= T::ZERO
+    })
 }
 
 /// A source that planning counts on.
@@ -238,6 +230,8 @@ pub struct Outlook<T> {
     pub range_floor_m: T,
     /// Shape of the pulse.
     pub pulse_shape: PulseShape,
+    /// Threshold on the normalised energy of a path.
+    pub threshold: T,
 }
 
 /// How far and by what planning judges.
@@ -282,7 +276,12 @@ pub fn plan_one<T: Real>(
             let [ux, uy] = slope;
             let c = &source.covariance_m2;
             let map = square(ux) * c[0][0] + num(2.0) * (ux * uy) * c[1][0] + square(uy) * c[1][1];
-            information.add(slope, unit / memory.sinr(source.source, action) + floor + map);
+            // P_d / (unit / SINR + rest), with one division.
+            let root = exp(num(0.5) * memory.sinr_ln(source.source, action));
+            let sinr = square(root);
+            let found = memory.visibility(source.source) * sinr;
+            let odds = T::ONE + missed_odds(root, sqrt(larger(outlook.threshold, T::ZERO)));
+            information.add_weighted(slope, found / (odds * (unit + (floor + map) * sinr)));
         }
         let predicted = predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
         let posterior = information.posterior(&predicted);
@@ -291,6 +290,5 @@ pub fn plan_one<T: Real>(
         weight *= T::of(horizon.discount);
         covariance = posterior;
     }
-    // The first weight is 1, so the sum is not zero.
-    total / weights
+    total / larger(weights, num(1e-6))
 }

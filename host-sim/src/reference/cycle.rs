@@ -4,10 +4,10 @@ use super::acquisition::{Acquisition, Landmark, Sweep};
 use super::association::{
     Beliefs, Clutter, Expectation, Measurement, associate, detection_probability, false_alarm,
 };
-use super::channel_estimator::{ChannelEstimate, ChannelEstimator};
+use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel};
 use super::channel_memory::ChannelMemory;
 use super::controller::{
-    Horizon, Library, Outlook, Visible, choose, learn, plan_one, planned_set, policy, reward,
+    Horizon, Library, Outlook, Visible, draw, learn, plan_one, planned_set, policy, reward, uniform,
 };
 use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
@@ -62,6 +62,8 @@ pub struct Scan<T> {
     pub framed: bool,
     /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
     pub threshold: T,
+    /// The frame's noise and its first sample's delay, seconds.
+    pub noise: Option<(NoiseLevel<T>, T)>,
     /// Ranges and paths that there was no room for.
     pub left_out: u32,
 }
@@ -127,6 +129,8 @@ pub struct Reference<T> {
     seed: u64,
     /// The estimator of each pulse met so far.
     estimators: Vec<(Pulse<T>, ChannelEstimator<T>)>,
+    /// Threshold of the pulse last used.
+    threshold: T,
 
     /// Cycles run.
     pub cycle: u32,
@@ -146,8 +150,18 @@ pub struct Reference<T> {
     pub values: Vec<T>,
     /// Policy pi.
     pub policy: Vec<T>,
+    /// The action held.
+    pub held: usize,
+    /// The action chosen: the one held, or one that is tried; and what it was planned to earn.
+    pub chosen: usize,
+    /// See `chosen`; none where it was not planned.
+    pub planned_reward: Option<T>,
     /// The present action.
     pub action: usize,
+    /// The action that the next frame announces.
+    pub announced: usize,
+    /// Cycles in a row in which nothing was received.
+    pub silent_cycles: u32,
     /// Mean number of measurements per scan of unknown origin, by anchor.
     pub unexplained: Vec<T>,
     /// Last frame counter seen, by anchor.
@@ -184,31 +198,42 @@ impl<T: Real> Reference<T> {
         let policy = policy(&values, actions.len(), T::of(config.controller.choice.temperature_nat));
         let association = &config.association;
         let unexplained = T::of(association.clutter_per_anchor) + T::of(association.unmapped_per_anchor);
-        Self {
+        let library = Library::new(actions);
+        let channel = ChannelMemory::new(
+            [capacity.anchors, capacity.virtual_anchors, capacity.actions],
+            T::of(config.controller.prior_sinr),
+            config.controller.neighbours,
+            &library,
+        );
+        let mut reference = Self {
             config,
             capacity,
             anchors: anchors.to_vec(),
-            library: Library::new(actions),
+            library,
             seed,
             estimators: Vec::new(),
+            threshold: T::ZERO,
             cycle: 0,
             filter,
             environment,
-            channel: ChannelMemory::new(
-                capacity.anchors,
-                capacity.virtual_anchors,
-                capacity.actions,
-                T::of(config.controller.prior_sinr),
-            ),
+            channel,
             discovery: Discovery::new(capacity.anchors),
             acquisition,
             loss: LossMonitor::new(),
             values,
             policy,
+            held: config.controller.first_action,
+            chosen: config.controller.first_action,
+            planned_reward: None,
             action: config.controller.first_action,
+            announced: config.controller.first_action,
+            silent_cycles: 0,
             unexplained: vec![unexplained; capacity.anchors],
             last_sequence: vec![None; capacity.anchors],
-        }
+        };
+        let first = reference.library.pulse(reference.action, &reference.config.radio.pulse_shape);
+        reference.threshold = reference.estimator(&first).threshold();
+        reference
     }
 
     /// One cycle of input that the core accepts.
@@ -258,6 +283,11 @@ impl<T: Real> Reference<T> {
             if !self.loss.is_doubtful() {
                 self.discover(&heard, &heights, &mut report);
             }
+        } else {
+            self.channel.age();
+            for associated in &heard {
+                self.remember_noise(associated);
+            }
         }
         // The action received with earns the reward.
         for associated in &heard {
@@ -268,7 +298,7 @@ impl<T: Real> Reference<T> {
         }
         let posterior = self.filter.agent_covariance();
         let covariances = [&last.covariance, &predicted.covariance, &posterior];
-        self.act(covariances, elapsed_s, &heights, &mut report);
+        self.act(covariances, (elapsed_s, !heard.is_empty()), &heights, &mut report);
 
         for observation in observations {
             if let Observation::Frame(Frame { anchor, sequence: Some(sequence), .. }) = *observation {
@@ -307,6 +337,7 @@ impl<T: Real> Reference<T> {
                 measurements: Vec::new(),
                 framed: false,
                 threshold: T::ZERO,
+                noise: None,
                 left_out: 0,
             };
             // Ranges first: they outrank the paths near them.
@@ -356,8 +387,11 @@ impl<T: Real> Reference<T> {
         let estimate = estimator.estimate(frame.samples, T::of(frame.first_sample_delay_s));
         scan.action = frame.action;
         scan.framed = true;
-        scan.threshold = estimator.threshold();
+        let threshold = estimator.threshold();
+        scan.threshold = threshold;
+        scan.noise = Some((estimate.noise.clone(), T::of(frame.first_sample_delay_s)));
         let ranges = scan.measurements.clone();
+        self.threshold = threshold;
         let resolution_m = pulse.duration_s * speed_of_light();
         for path in &estimate.paths {
             let range_m = path.delay_s * speed_of_light();
@@ -453,7 +487,7 @@ impl<T: Real> Reference<T> {
                     covariance_m2: self.filter.virtual_anchor_covariance_m2(slot),
                     height_m,
                     detection: record.existence
-                        * self.detection(Source::Virtual { anchor: scan.anchor, slot }, scan),
+                        * self.detection(Source::Virtual { anchor: scan.anchor, slot }, scan, None),
                 });
             }
         }
@@ -468,7 +502,7 @@ impl<T: Real> Reference<T> {
                 position_m: sight.anchor_m,
                 covariance_m2: [[T::ZERO; 2]; 2],
                 height_m,
-                detection: self.detection(Source::Direct { anchor: scan.anchor }, scan),
+                detection: self.detection(Source::Direct { anchor: scan.anchor }, scan, None),
             },
             reflections,
             bias_m: self.filter.bias_m(scan.anchor),
@@ -501,7 +535,7 @@ impl<T: Real> Reference<T> {
             let nis = scan.measurements.iter().map(|measurement| {
                 square(measurement.range_m - line.range_m) / (line.variance_m2() + measurement.variance_m2)
             });
-            direct.push((self.detection(source, scan), nis.reduce(smaller)));
+            direct.push((self.detection(source, scan, Some(line.range_m)), nis.reduce(smaller)));
         }
         if !is_doubtful(&direct) {
             return;
@@ -532,13 +566,15 @@ impl<T: Real> Reference<T> {
         let sight = self.sight(scan.anchor, heights);
         let mut regressions = vec![self.filter.regress(Source::Direct { anchor: scan.anchor }, &sight)];
         let mut existences = vec![T::ONE];
-        let mut detections = vec![self.detection(regressions[0].source, &scan)];
+        let direct = regressions[0];
+        let mut detections = vec![self.detection(direct.source, &scan, Some(direct.range_m))];
         for (slot, record) in self.environment.in_use() {
             if record.anchor == scan.anchor {
                 let source = Source::Virtual { anchor: scan.anchor, slot };
-                let detection = self.detection(source, &scan);
+                let regression = self.filter.regress(source, &sight);
+                let detection = self.detection(source, &scan, Some(regression.range_m));
                 let survival = T::of(settings.survival_probability);
-                regressions.push(self.filter.regress(source, &sight));
+                regressions.push(regression);
                 existences.push(EnvironmentMemory::expected_existence(&record, survival, detection));
                 detections.push(detection);
             }
@@ -581,14 +617,14 @@ impl<T: Real> Reference<T> {
     }
 
     /// Probability that the path of an existing source is found in a scan; in frames it is a matter of SINR.
-    fn detection(&self, source: Source, scan: &Scan<T>) -> T {
+    fn detection(&self, source: Source, scan: &Scan<T>, range_m: Option<T>) -> T {
         let told = T::of(self.config.association.detection_probability);
         if !scan.framed {
             return told;
         }
         if self.channel.has_seen(source) {
-            let sinr = self.channel.sinr(source, scan.action);
-            return limited(detection_probability(sinr, scan.threshold), T::of(HIDDEN_DETECTION), told);
+            let [_, found] = self.expected(source, scan, range_m);
+            return limited(self.channel.visibility(source) * found, T::of(HIDDEN_DETECTION), told);
         }
         match source {
             Source::Virtual { slot, .. }
@@ -597,6 +633,36 @@ impl<T: Real> Reference<T> {
                 T::of(HIDDEN_DETECTION)
             }
             _ => told,
+        }
+    }
+
+    /// SINR of a source in a scan, where nothing hides it, and the probability that it is found: the SINR remembered, or
+    /// that over the noise of this frame where it is less.
+    fn expected(&self, source: Source, scan: &Scan<T>, range_m: Option<T>) -> [T; 2] {
+        let mut sinr = self.channel.sinr(source, scan.action);
+        if let Some(now) = range_m.and_then(|range_m| self.sinr_over_noise(source, scan, range_m)) {
+            sinr = smaller(sinr, now);
+        }
+        [sinr, detection_probability(sinr, scan.threshold)]
+    }
+
+    /// SINR that a source's energy has over the noise of a frame; none without a frame, or where it was never seen.
+    fn sinr_over_noise(&self, source: Source, scan: &Scan<T>, range_m: T) -> Option<T> {
+        let (noise, first_s) = scan.noise.as_ref()?;
+        let spacing_s = T::of(self.config.radio.sample_spacing_s);
+        let level = noise.at((range_m / speed_of_light() - *first_s) / spacing_s, spacing_s);
+        self.channel.sinr_over(source, scan.action, range_m, level)
+    }
+
+    /// The noise of a frame, for every source, where association means nothing.
+    fn remember_noise(&mut self, associated: &AssociatedScan<T>) {
+        let AssociatedScan { scan, regressions, .. } = associated;
+        let shares = self.channel.shares(scan.action, &self.library);
+        for regression in regressions {
+            let source = regression.source;
+            if let Some(sinr) = self.sinr_over_noise(source, scan, regression.range_m) {
+                self.channel.remember_noise(source, scan.action, &shares, sinr);
+            }
         }
     }
 
@@ -617,27 +683,33 @@ impl<T: Real> Reference<T> {
     /// Existence, SINR, and how much of each scan nothing explained.
     fn remember(&mut self, heard: &[AssociatedScan<T>], report: &mut Report<T>) {
         self.channel.age();
-        for AssociatedScan { scan, regressions, beliefs, .. } in heard {
+        for associated in heard {
+            if self.loss.is_doubtful() {
+                self.remember_noise(associated);
+            }
+            let AssociatedScan { scan, regressions, beliefs, .. } = associated;
             // From a doubtful place, what is missing may well be there.
             let judged = if self.loss.is_doubtful() { 0 } else { regressions.len() };
+            let shares = self.channel.shares(scan.action, &self.library);
             for k in 0..judged {
                 let source = regressions[k].source;
                 let belief = &beliefs.features[k];
                 if let Source::Virtual { slot, .. } = source {
-                    let detection = self.detection(source, scan);
+                    let detection = self.detection(source, scan, Some(regressions[k].range_m));
                     let seen = belief.missed < T::of(0.5);
                     self.environment.remember(slot, belief.existence, seen, detection);
+                }
+                if !scan.framed {
+                    continue;
                 }
                 for m in 0..scan.measurements.len() {
                     let weight = belief.associated[m];
                     if weight > T::of(0.5) && scan.measurements[m].sinr > T::ZERO {
-                        let path = &scan.measurements[m];
-                        self.channel.remember(source, scan.action, &self.library, path, weight);
+                        self.channel.remember(source, scan.action, &shares, &scan.measurements[m], weight);
                     }
                 }
-                if scan.framed && self.exists(source) && belief.missed > T::of(0.5) {
-                    self.channel.remember_missed(source, scan.action, &self.library, belief.missed);
-                }
+                let expected = self.expected(source, scan, Some(regressions[k].range_m));
+                self.channel.remember_missed(source, scan.action, &shares, expected, belief.missed);
             }
             report.anchors_heard += 1;
             let mut unexplained = T::ZERO;
@@ -653,19 +725,8 @@ impl<T: Real> Reference<T> {
         }
     }
 
-    /// Direct paths always do, virtual anchors when confirmed.
-    fn exists(&self, source: Source) -> bool {
-        match source {
-            Source::Direct { .. } => true,
-            Source::Virtual { slot, .. } => {
-                self.environment.records[slot].is_some_and(|record| record.existence > T::of(CONFIRMED))
-            }
-        }
-    }
-
     // Discover.
 
-    /// Forgets improbable virtual anchors, feeds the candidates, and takes resolved ones into the map.
     /// From now on the tag may be anywhere around a position; variances of position and velocity per axis.
     fn lose(&mut self, position_m: [T; 2], position_m2: [T; 2], velocity_m2_s2: [T; 2]) {
         let mut prior = Agent { mean: vec![T::ZERO; 4], covariance: zeros(4, 4) };
@@ -741,11 +802,12 @@ impl<T: Real> Reference<T> {
     fn detections(&self, scan: &Scan<T>) -> Vec<T> {
         let mut detections = vec![T::ZERO; self.environment.records.len()];
         for (slot, record) in self.environment.in_use() {
-            detections[slot] = self.detection(Source::Virtual { anchor: record.anchor, slot }, scan);
+            detections[slot] = self.detection(Source::Virtual { anchor: record.anchor, slot }, scan, None);
         }
         detections
     }
 
+    /// Forgets improbable virtual anchors, feeds the candidates, and takes resolved ones into the map.
     fn discover(&mut self, heard: &[AssociatedScan<T>], heights: &[T], report: &mut Report<T>) {
         for slot in self.environment.forget() {
             self.take_out(slot, report);
@@ -830,7 +892,7 @@ impl<T: Real> Reference<T> {
     fn act(
         &mut self,
         [previous, predicted, posterior]: [&Matrix<T>; 3],
-        elapsed_s: T,
+        (elapsed_s, received): (T, bool),
         heights: &[T],
         report: &mut Report<T>,
     ) {
@@ -842,11 +904,16 @@ impl<T: Real> Reference<T> {
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(mixed);
 
         let earned = reward(settings.reward, previous, predicted, posterior);
-        learn(&mut self.values, report.action, earned, &self.policy, &settings.learning);
+        // The tag looked for, or nothing heard, or another action than chosen: nothing to learn from.
+        let learns = received && !report.acquiring && report.action == self.chosen;
+        if let (true, Some(planned)) = (learns, self.planned_reward) {
+            self.values[self.chosen] += T::of(settings.learning.experience_rate) * (earned - planned);
+        }
         self.policy = policy(&self.values, count, temperature);
 
         if settings.planned_actions > 0 && count > 1 {
-            let keep = [self.action, super::controller::best(&self.values, count)];
+            let present = self.held;
+            let keep = [present, super::controller::best(&self.values, count)];
             let planned = planned_set(&self.policy, count, settings.planned_actions, keep, &mut rng);
             let outlook = self.outlook(posterior, elapsed_s);
             let visible = self.visible(heights);
@@ -855,16 +922,34 @@ impl<T: Real> Reference<T> {
                 discount: settings.learning.discount,
                 reward: settings.reward,
             };
+            let mut rewards = vec![None; count];
             for action in 0..count {
                 if planned[action] {
-                    let expected =
-                        plan_one(action, &horizon, &outlook, &visible, &self.channel, &self.library);
-                    learn(&mut self.values, action, expected, &self.policy, &settings.learning);
+                    let worth = plan_one(action, &horizon, &outlook, &visible, &self.channel, &self.library);
+                    rewards[action] = Some(worth);
+                }
+            }
+            let standard = rewards[present].unwrap_or(T::ZERO);
+            for action in 0..count {
+                if let Some(worth) = rewards[action] {
+                    learn(&mut self.values, action, worth - standard, &self.policy, &settings.learning);
                 }
             }
             self.policy = policy(&self.values, count, temperature);
-            self.action = choose(&self.values, &self.policy, count, self.action, &settings.choice, &mut rng);
+            let best = super::controller::best(&self.values, count);
+            if self.values[best] > self.values[present] + T::of(settings.choice.hysteresis_nat) {
+                self.held = best;
+            }
+            let standard = self.values[self.held];
+            for value in &mut self.values {
+                *value -= standard;
+            }
+            let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
+            let tried = if tries { draw(&self.policy, count, &mut rng) } else { None };
+            self.chosen = tried.unwrap_or(self.held);
+            self.planned_reward = rewards[self.chosen];
         }
+        self.agree(received);
 
         report.position_m = self.filter.position_m();
         // Order: the lower triangle's covariance, twice.
@@ -877,6 +962,30 @@ impl<T: Real> Reference<T> {
         report.next = self.library.actions[self.action];
     }
 
+    /// The action to go to after three cycles without a frame, if there is one.
+    pub fn rendezvous(&self) -> Option<usize> {
+        self.config.controller.rendezvous
+    }
+
+    /// The action that both ends use next: the one chosen, or where there is a rendezvous, the one announced a cycle ago.
+    fn agree(&mut self, received: bool) {
+        let Some(rendezvous) = self.config.controller.rendezvous else {
+            self.action = self.chosen;
+            return;
+        };
+        if received {
+            self.silent_cycles = 0;
+            self.action = self.announced;
+            self.announced = self.chosen;
+        } else {
+            self.silent_cycles = self.silent_cycles.saturating_add(1);
+            if self.silent_cycles >= 3 {
+                self.action = rendezvous;
+                self.announced = rendezvous;
+            }
+        }
+    }
+
     fn outlook(&self, posterior: &Matrix<T>, elapsed_s: T) -> Outlook<T> {
         Outlook {
             position_m: self.filter.position_m(),
@@ -887,6 +996,7 @@ impl<T: Real> Reference<T> {
             variance_inflation: T::of(self.config.ranging.variance_inflation),
             range_floor_m: T::of(self.config.ranging.floor_m),
             pulse_shape: self.config.radio.pulse_shape,
+            threshold: self.threshold,
         }
     }
 

@@ -71,8 +71,12 @@ impl<T: Real> PositionInformation<T> {
 
     /// Adds a range.
     pub fn add(&mut self, slope: [T; 2], variance_m2: T) {
+        self.add_weighted(slope, T::ONE / larger(variance_m2, T::of(1e-12)));
+    }
+
+    /// Adds a range of this inverse variance.
+    pub fn add_weighted(&mut self, slope: [T; 2], weight: T) {
         let [ux, uy] = slope;
-        let weight = T::ONE / larger(variance_m2, T::of(1e-12));
         self.xx += weight * square(ux);
         self.yx += weight * (ux * uy);
         self.yy += weight * square(uy);

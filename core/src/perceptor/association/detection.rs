@@ -8,11 +8,17 @@ use crate::real::{exp, larger, limited, sqrt};
 
 /// Logistic slope that comes closest to the normal distribution.
 const LOGISTIC: f32 = 1.702;
+/// The same for the difference of roots instead of doubled ones.
+const LOGISTIC_ROOTS: f32 = LOGISTIC * core::f32::consts::SQRT_2;
 
 /// Probability (0 to 1) that a path of `sinr` passes `threshold`, both on normalised energy.
 pub fn detection_probability(sinr: f32, threshold: f32) -> f32 {
-    let above = sqrt(2.0 * larger(sinr, 0.0)) - sqrt(2.0 * larger(threshold, 0.0));
-    1.0 / (1.0 + exp(-LOGISTIC * above))
+    1.0 / (1.0 + missed_odds(sqrt(larger(sinr, 0.0)), sqrt(larger(threshold, 0.0))))
+}
+
+/// Odds against finding a path, (1 - P_d) / P_d, from the square roots of its SINR and of the threshold.
+pub fn missed_odds(sinr_root: f32, threshold_root: f32) -> f32 {
+    exp(LOGISTIC_ROOTS * (threshold_root - sinr_root))
 }
 
 /// Least density of false alarms of any strength, over that of all: what else a radio may do.

@@ -21,7 +21,7 @@ mod detection;
 mod exact;
 mod factors;
 
-pub use self::detection::{detection_probability, false_alarm};
+pub use self::detection::{detection_probability, false_alarm, missed_odds};
 pub use self::factors::is_earlier;
 use crate::real::larger;
 use exact::{STATES, Trellis};

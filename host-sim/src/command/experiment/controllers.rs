@@ -1,13 +1,18 @@
 //! `cogmint experiment controllers`: what choosing the carrier is worth.
 
-use super::super::{metres, progress_of};
+use super::super::{metres, progress_of, write_picture};
+use super::carriers::Carriers;
 use super::{percent, print, print_json};
 use crate::Failure;
 use clap::builder::PossibleValuesParser;
 use cogmint::demo;
-use cogmint::experiment::controllers::figures::Figures;
-use cogmint::experiment::controllers::{ABLATIONS, Controller, compare};
-use cogmint::scenario::{Library, NamedLibrary, Scenario};
+use cogmint::experiment::controllers::figures::{Figures, Row};
+use cogmint::experiment::controllers::onset::Answer;
+use cogmint::experiment::controllers::picture::Pictures;
+use cogmint::experiment::controllers::{ABLATIONS, Comparison, Controller, compare_each};
+use cogmint::plot::Picture;
+use cogmint::scenario::Scenario;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Options {
@@ -20,7 +25,8 @@ pub struct Options {
     /// Seed of the first run; the others count on.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Controllers beside the fixed carrier and the genie, separated by commas; without, all.
+    /// Controllers beside the fixed carrier and the genie, separated by commas, among them those of the ablation; without,
+    /// all but these.
     #[arg(long, value_delimiter = ',', value_name = "NAME", value_parser = names())]
     only: Vec<String>,
     /// The core's controller with one thing changed at a time, in place of other controllers.
@@ -33,32 +39,44 @@ pub struct Options {
     /// paths in use this median SINR, dB.
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
     interference: Option<f64>,
+    /// Draws what the controllers do over time into this folder: carrier, entropy, value and policy. All but the
+    /// entropies are those of the first run.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+    /// Moves that interferer to this carrier, hertz, half-way through its time; it leaves as much there.
+    #[arg(long, value_name = "HZ", requires = "interference", value_parser = carrier_hz)]
+    then: Option<f64>,
     /// Print one JSON object instead of a table.
     #[arg(long)]
     json: bool,
 }
 
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum Carriers {
-    Published,
-    Wide,
-    Dw1000,
-    Dw3000,
+/// What `--json` prints.
+#[derive(serde::Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    figures: &'a Figures,
+    #[serde(flatten)]
+    drawn: Option<&'a Drawn>,
 }
 
-impl Carriers {
-    fn library(self) -> Library {
-        Library::Named(match self {
-            Self::Published => NamedLibrary::Published,
-            Self::Wide => NamedLibrary::Wide,
-            Self::Dw1000 => NamedLibrary::Dw1000,
-            Self::Dw3000 => NamedLibrary::Dw3000,
-        })
-    }
+/// What was drawn.
+#[derive(serde::Serialize)]
+struct Drawn {
+    /// Every picture as SVG and PNG.
+    pictures: Vec<[PathBuf; 2]>,
+    /// Sentences.
+    left_out: Vec<String>,
+}
+
+/// All controllers, the core's changed ones last.
+pub(super) fn all() -> impl Iterator<Item = Controller> {
+    let changed = (0..ABLATIONS.len()).map(Controller::Ablated);
+    Controller::ALL.into_iter().chain([Controller::FullBand]).chain(changed)
 }
 
 fn names() -> PossibleValuesParser {
-    PossibleValuesParser::new(Controller::ALL.map(Controller::name))
+    PossibleValuesParser::new(all().map(Controller::name))
 }
 
 pub fn run(options: &Options) -> Result<(), Failure> {
@@ -67,26 +85,72 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         scenario.radio.library = Some(library.library());
     }
     if let Some(median_sinr_db) = options.interference {
-        scenario.interference.push(demo::interferer(median_sinr_db));
+        match options.then {
+            None => scenario.interference.push(demo::interferer(median_sinr_db)),
+            Some(then_hz) => scenario.interference.extend(demo::moving_interferer(median_sinr_db, then_hz)),
+        }
     }
-    let asked = |controller: &Controller| {
-        options.only.is_empty() || options.only.iter().any(|name| name == controller.name())
-    };
     let controllers: Vec<Controller> = if options.ablation {
         let ablated = (0..ABLATIONS.len()).map(Controller::Ablated);
         [Controller::Greedy, Controller::Cognitive].into_iter().chain(ablated).collect()
+    } else if options.only.is_empty() {
+        Controller::ALL.into()
     } else {
-        Controller::ALL.into_iter().filter(asked).collect()
+        all().filter(|one| options.only.iter().any(|name| name == one.name())).collect()
     };
+    if let Some(folder) = &options.plot {
+        // A folder that cannot be should not be noticed after minutes.
+        std::fs::create_dir_all(folder)
+            .map_err(|error| Failure::Work(format!("{}: {error}", folder.display())))?;
+    }
     let bar = progress_of(options.runs as usize * controllers.len(), "steering", "runs");
-    let figures =
-        compare(&scenario, folder.as_deref(), &controllers, options.runs, options.seed, || bar.inc(1))?;
+    let comparisons = compare_each(
+        &scenario,
+        folder.as_deref(),
+        &controllers,
+        options.runs,
+        options.seed,
+        options.plot.is_some(),
+        || bar.inc(1),
+    )?;
     bar.finish_and_clear();
+    let figures = Figures::new(&scenario.name, &comparisons);
+    // Figures are printed even if the disk refuses the pictures.
+    let drawn = options.plot.as_deref().map(|to| draw(to, &scenario.name, &comparisons)).transpose();
     if options.json {
-        return print_json(&figures);
+        print_json(&Printed { figures: &figures, drawn: drawn.as_ref().ok().and_then(Option::as_ref) })?;
+        return drawn.map(|_| ());
     }
     print_figures(&figures);
+    if let Some(drawn) = drawn? {
+        print("");
+        for [_, png] in &drawn.pictures {
+            print(&format!("Figure: {}", png.display()));
+        }
+        drawn.left_out.iter().for_each(|sentence| print(sentence));
+    }
     Ok(())
+}
+
+fn draw(to: &Path, scenario: &str, comparisons: &[Comparison]) -> Result<Drawn, Failure> {
+    let Pictures { named, left_out } = Pictures::new(scenario, comparisons);
+    let write = |(name, picture): &(&str, Picture)| write_picture(picture, &to.join(name));
+    Ok(Drawn { pictures: named.iter().map(write).collect::<Result<_, _>>()?, left_out })
+}
+
+/// The bounds within which a scenario may have it.
+fn carrier_hz(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(carrier_hz) if (2e9..=3e10).contains(&carrier_hz) => Ok(carrier_hz),
+        _ => Err("must be a number of hertz from 2e9 to 3e10".into()),
+    }
+}
+
+/// After every onset, in order.
+fn to_90_percent(row: &Row) -> String {
+    let cycles = |answer: &Answer| answer.cycles_to_90_percent.map_or_else(|| "-".into(), |n| n.to_string());
+    let all: Vec<String> = row.onsets.iter().map(cycles).collect();
+    if all.is_empty() { "-".into() } else { all.join(", ") }
 }
 
 fn print_figures(figures: &Figures) {
@@ -119,7 +183,7 @@ fn print_figures(figures: &Figures) {
             metres(Some(row.p90_m)),
             row.diverged.len(),
             row.switches_per_cycle,
-            row.cycles_to_90_percent.map_or_else(|| "-".into(), |cycles| cycles.to_string()),
+            to_90_percent(row),
         ));
     }
 }

@@ -21,21 +21,30 @@ pub struct Seen<'a, const A: usize> {
 }
 
 /// Chooses the action of the next cycle.
-pub trait Choose<const A: usize> {
+pub trait Choose<const A: usize>: Send + Sync {
     /// An index below `seen.actions`.
     fn next(&mut self, seen: &Seen<'_, A>) -> usize;
+
+    /// Another one that would go on from here in the same way.
+    fn again(&self) -> Box<dyn Choose<A>>;
 }
 
 /// The core's own choice; also the fixed carrier, where its controller does not plan.
+#[derive(Clone)]
 pub struct OfTheCore;
 
 impl<const A: usize> Choose<A> for OfTheCore {
     fn next(&mut self, seen: &Seen<'_, A>) -> usize {
         seen.report.next_action
     }
+
+    fn again(&self) -> Box<dyn Choose<A>> {
+        Box::new(self.clone())
+    }
 }
 
 /// What was decided before the run.
+#[derive(Clone)]
 pub struct Decided {
     /// Actions, cycle by cycle.
     pub actions: Vec<usize>,
@@ -46,9 +55,14 @@ impl<const A: usize> Choose<A> for Decided {
         let next = seen.report.cycle as usize + 1;
         self.actions.get(next).copied().unwrap_or(seen.report.action)
     }
+
+    fn again(&self) -> Box<dyn Choose<A>> {
+        Box::new(self.clone())
+    }
 }
 
 /// Any action, each time anew.
+#[derive(Clone)]
 pub struct Random {
     rng: Xoshiro128PlusPlus,
 }
@@ -64,9 +78,14 @@ impl<const A: usize> Choose<A> for Random {
     fn next(&mut self, seen: &Seen<'_, A>) -> usize {
         (uniform(&mut self.rng) * seen.actions as f64) as usize
     }
+
+    fn again(&self) -> Box<dyn Choose<A>> {
+        Box::new(self.clone())
+    }
 }
 
 /// Discounted UCB (Garivier, Moulines 2011) on the rewards alone: no model, no memory of the channel.
+#[derive(Clone)]
 pub struct Bandit {
     /// Per action, the discounted number of its rewards and their sum.
     played: Vec<(f64, f64)>,
@@ -98,6 +117,10 @@ impl<const A: usize> Choose<A> for Bandit {
             0.0 => f64::INFINITY,
             count => sum / count + PADDING_NAT * (all.ln().max(0.0) / count).sqrt(),
         }))
+    }
+
+    fn again(&self) -> Box<dyn Choose<A>> {
+        Box::new(self.clone())
     }
 }
 

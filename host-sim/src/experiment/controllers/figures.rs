@@ -1,12 +1,8 @@
 //! Figures of a comparison of controllers.
 
+use super::onset::{Answer, answers, slowest};
 use super::{Comparison, Controller, Run};
 use serde::Serialize;
-
-/// Cycles that the gain after an onset is averaged over.
-const SMOOTHED: usize = 5;
-/// Share of the reachable gain that counts as reached.
-const REACHED: f64 = 0.9;
 
 /// All controllers in one scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -26,6 +22,8 @@ pub struct Figures {
 pub struct Row {
     /// Its name.
     pub name: &'static str,
+    /// Whether its memory was told the SINR of every carrier, which no radio can know.
+    pub full_band: bool,
     /// Mean over the judged cycles and runs of the entropy of the fixed carrier less its own, nats.
     pub information_gain_nat: f64,
     /// Standard error of that over the runs, nats; 0 for one run.
@@ -44,9 +42,10 @@ pub struct Row {
     pub runs: usize,
     /// Changes of the action per cycle.
     pub switches_per_cycle: f64,
-    /// Cycles from the start of the interference until 90 % of the genie's gain, by the mean of all runs over five
-    /// cycles; none where it is never reached, or without interference.
+    /// The slowest of `onsets`, cycles; none where one was never answered, or without interference.
     pub cycles_to_90_percent: Option<usize>,
+    /// How soon it had reached 90 % of the reachable gain after each onset of interference.
+    pub onsets: Vec<Answer>,
 }
 
 impl Figures {
@@ -78,7 +77,8 @@ impl Comparison {
         if self.interfered.is_empty() { 0..cycles } else { self.interfered.clone() }
     }
 
-    fn of(&self, controller: Controller) -> Option<&Run> {
+    /// The run of one controller.
+    pub fn of(&self, controller: Controller) -> Option<&Run> {
         self.runs.iter().find(|run| run.controller == controller)
     }
 
@@ -104,8 +104,10 @@ fn row(controller: Controller, comparisons: &[Comparison]) -> Row {
         let switches = run.actions.windows(2).filter(|pair| pair[0] != pair[1]).count();
         switches as f64 / run.actions.len().max(1) as f64
     });
+    let onsets = answers(controller, comparisons);
     Row {
         name: controller.name(),
+        full_band: controller == Controller::FullBand,
         information_gain_nat: mean(&judged),
         information_gain_error_nat: standard_error(&judged),
         information_gain_all_nat: mean(&all),
@@ -115,27 +117,9 @@ fn row(controller: Controller, comparisons: &[Comparison]) -> Row {
         diverged: own().filter(|(_, run)| run.score.diverged).map(|(one, _)| one.seed).collect(),
         runs,
         switches_per_cycle: mean(&switches.collect::<Vec<_>>()),
-        cycles_to_90_percent: cycles_to_reach(controller, comparisons),
+        cycles_to_90_percent: slowest(&onsets),
+        onsets,
     }
-}
-
-/// See [`Row::cycles_to_90_percent`].
-fn cycles_to_reach(controller: Controller, comparisons: &[Comparison]) -> Option<usize> {
-    let interfered = comparisons.first()?.interfered.clone();
-    if interfered.is_empty() {
-        return None;
-    }
-    // Mean gain over the runs, cycle by cycle.
-    let curve = |controller: Controller| -> Vec<f64> {
-        let gains: Vec<Vec<f64>> = comparisons.iter().map(|one| one.gains_nat(controller)).collect();
-        interfered
-            .clone()
-            .map(|cycle| mean(&gains.iter().map(|gains| gains[cycle]).collect::<Vec<_>>()))
-            .collect()
-    };
-    let (own, genie) = (curve(controller), curve(Controller::Genie));
-    let reached = own.windows(SMOOTHED).zip(genie.windows(SMOOTHED));
-    reached.map(|(own, genie)| mean(own) >= REACHED * mean(genie)).position(|reached| reached)
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -155,6 +139,7 @@ fn standard_error(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::experiment::controllers::onset::Onset;
     use crate::score::Score;
 
     /// Twenty cycles, ten of them under interference; entropies by cycle.
@@ -172,6 +157,8 @@ mod tests {
         let comparison = Comparison {
             seed: 7,
             interfered: 10..20,
+            watched: None,
+            onsets: vec![Onset { cycle: 10, until: 20, hits: vec![true, true], held_nat: vec![-1.0; 20] }],
             runs: vec![
                 run(Controller::Fixed, |_| -1.0),
                 run(Controller::Greedy, |cycle| if cycle < 13 { -1.0 } else { -5.0 }),

@@ -7,23 +7,29 @@
 
 pub mod choice;
 pub mod figures;
+mod full_band;
 pub mod on_memory;
+pub mod onset;
+pub mod picture;
+pub mod steered;
 pub mod truth;
+pub mod watched;
 
 use crate::input_error::InputError;
-use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup, input, step};
+use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup};
 use crate::scenario::Scenario;
 use crate::score::Score;
 use crate::simulator::Simulator;
-use choice::{Bandit, Choose, Decided, OfTheCore, Random};
 use cogmint_core::config::ControllerSettings;
 use cogmint_core::controller::reward::Reward;
 use figures::Figures;
-use on_memory::{OnMemory, Reading};
+use onset::{Onset, onsets};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
+use steered::{Steered, SteeredCycle};
 use truth::Truth;
+use watched::{Decisions, Watched};
 
 /// A controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +48,10 @@ pub enum Controller {
     Thompson,
     /// The core's learning and planning.
     Cognitive,
-    /// The same with one thing changed: an index into [`ABLATIONS`].
+    /// The same, told the true SINR of every carrier in every cycle: what no radio can know, the published offline
+    /// condition.
+    FullBand,
+    /// The core's with one thing changed: an index into [`ABLATIONS`].
     Ablated(usize),
     /// The action that tells most, by the simulator's own knowledge.
     Genie,
@@ -71,6 +80,7 @@ impl Controller {
             Self::Ucb => "ucb",
             Self::Thompson => "thompson",
             Self::Cognitive => "cognitive",
+            Self::FullBand => "full-band",
             Self::Ablated(index) => ABLATIONS.get(index).map_or("unknown", |(name, _)| name),
             Self::Genie => "genie",
         }
@@ -81,7 +91,14 @@ impl Controller {
 type Change = fn(&mut ControllerSettings);
 
 /// What the core's controller is tried without, or with instead.
-pub const ABLATIONS: [(&str, Change); 12] = [
+pub const ABLATIONS: [(&str, Change); 18] = [
+    ("no-planning", |settings| {
+        settings.planned_actions = 1;
+        settings.learning.rate = 0.0;
+        settings.learning.experience_rate = 0.5;
+        settings.choice.exploration = 0.1;
+    }),
+    ("no-neighbours", |settings| settings.neighbours = false),
     ("reward-published", |settings| settings.reward = Reward::Published { scale: 1e24 }),
     ("reward-entropy", |settings| settings.reward = Reward::EntropyChange),
     ("horizon-3", |settings| settings.horizon = 3),
@@ -90,10 +107,14 @@ pub const ABLATIONS: [(&str, Change); 12] = [
     ("subset-10", |settings| settings.planned_actions = 10),
     ("subset-40", |settings| settings.planned_actions = 40),
     ("no-exploration", |settings| settings.choice.exploration = 0.0),
+    ("exploration-0.05", |settings| settings.choice.exploration = 0.05),
     ("no-hysteresis", |settings| settings.choice.hysteresis_nat = 0.0),
     ("rate-0.2", |settings| settings.learning.rate = 0.2),
     ("rate-1", |settings| settings.learning.rate = 1.0),
+    ("no-experience", |settings| settings.learning.experience_rate = 0.0),
+    ("experience-0.2", |settings| settings.learning.experience_rate = 0.2),
     ("bootstrap", |settings| settings.learning.bootstrap = true),
+    ("announced", |settings| settings.rendezvous = Some(settings.first_action)),
 ];
 
 /// What one controller made of one run.
@@ -116,8 +137,12 @@ pub struct Comparison {
     pub seed: u64,
     /// Cycles under interference; empty where there is none.
     pub interfered: Range<usize>,
+    /// Where interference begins, in order.
+    pub onsets: Vec<Onset>,
     /// The runs.
     pub runs: Vec<Run>,
+    /// What is drawn of it beyond the runs; only where that was asked for.
+    pub watched: Option<Watched>,
 }
 
 /// Compares `controllers` (fixed and genie always among them) in `runs` runs of a scenario, seeds from `seed` on.
@@ -132,22 +157,40 @@ pub fn compare(
     seed: u64,
     on_run: impl Fn() + Sync,
 ) -> Result<Figures, InputError> {
-    let ways = scenario.trajectories.len().max(1);
-    let comparisons = (0..runs as usize).into_par_iter().map(|run| {
-        let simulator = Simulator::new(scenario, folder, run % ways, Some(seed.wrapping_add(run as u64)))?;
-        compare_once(&simulator, controllers, &on_run)
-    });
-    let comparisons: Vec<Comparison> = comparisons.collect::<Result<_, InputError>>()?;
+    let comparisons = compare_each(scenario, folder, controllers, runs, seed, false, on_run)?;
     Ok(Figures::new(&scenario.name, &comparisons))
 }
 
-/// One run with every controller.
+/// The runs that [`compare`] makes its figures of. The first one is `watched`, where that is asked for: no controller
+/// notices, and a long campaign carries no more for it than one run's values.
+///
+/// # Errors
+/// The scenario cannot be simulated.
+pub fn compare_each(
+    scenario: &Scenario,
+    folder: Option<&Path>,
+    controllers: &[Controller],
+    runs: u32,
+    seed: u64,
+    watched: bool,
+    on_run: impl Fn() + Sync,
+) -> Result<Vec<Comparison>, InputError> {
+    let ways = scenario.trajectories.len().max(1);
+    let comparisons = (0..runs as usize).into_par_iter().map(|run| {
+        let simulator = Simulator::new(scenario, folder, run % ways, Some(seed.wrapping_add(run as u64)))?;
+        compare_once(&simulator, controllers, watched && run == 0, &on_run)
+    });
+    comparisons.collect()
+}
+
+/// One run with every controller; `watched`, with what is drawn of it.
 ///
 /// # Errors
 /// The core refuses something, which would be a defect.
 pub fn compare_once(
     simulator: &Simulator,
     controllers: &[Controller],
+    watched: bool,
     on_run: &(impl Fn() + Sync),
 ) -> Result<Comparison, InputError> {
     let channel = simulator.channel();
@@ -156,83 +199,56 @@ pub fn compare_once(
     // The fixed carrier and the genie are what all are measured by.
     let others = controllers.iter().filter(|one| !matches!(one, Controller::Fixed | Controller::Genie));
     let asked = [Controller::Fixed].into_iter().chain(others.copied()).chain([Controller::Genie]);
+    let mut watched = watched.then(|| Watched::new(channel));
     let runs = asked.map(|controller| {
+        let decisions = watched.as_mut().filter(|_| controller == Controller::Cognitive);
+        let decisions = decisions.map(|watched| &mut watched.decisions);
         let run = if setup.anchors.len() <= SMALL_ANCHORS {
-            steer::<SMALL_ANCHORS>(simulator, &setup, &truth, controller)
+            steer::<SMALL_ANCHORS>(simulator, &setup, &truth, controller, decisions)
         } else {
-            steer::<LARGE_ANCHORS>(simulator, &setup, &truth, controller)
+            steer::<LARGE_ANCHORS>(simulator, &setup, &truth, controller, decisions)
         };
         on_run();
         run
     });
+    let runs: Vec<Run> = runs.collect::<Result<_, _>>()?;
     let interference = channel.scenario().interference.iter().map(|one| channel.cycles_of(one.during));
     Ok(Comparison {
         seed: channel.seed(),
         interfered: interference.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or(0..0),
-        runs: runs.collect::<Result<_, _>>()?,
+        onsets: onsets(channel, |actions| truth.entropies_nat(actions)),
+        runs,
+        watched,
     })
 }
 
 /// The set-up of the trackers of a simulation.
-fn set_up(simulator: &Simulator) -> Result<Setup, InputError> {
+pub(super) fn set_up(simulator: &Simulator) -> Result<Setup, InputError> {
     let mut recording = simulator.before();
     recording.cycles.push(simulator.cycle(0, simulator.channel().receiver().first_action));
     Setup::new(&recording, Path::new(&simulator.channel().scenario().name), Some(simulator.channel().seed()))
 }
 
-/// Runs a tracker that takes its actions from a controller.
+/// Runs a tracker that takes its actions from a controller. Where `decisions` are given, the core's are put there.
 fn steer<const A: usize>(
     simulator: &Simulator,
     setup: &Setup,
     truth: &Truth,
     controller: Controller,
+    mut decisions: Option<&mut Decisions>,
 ) -> Result<Run, InputError> {
-    let channel = simulator.channel();
-    let refused =
-        |error: cogmint_core::Error| InputError::new(Path::new(&channel.scenario().name), error.to_string());
-    let count = setup.actions.len();
-    let mut setup = setup.clone();
-    match controller {
-        Controller::Cognitive => {}
-        Controller::Ablated(index) => {
-            if let Some((_, change)) = ABLATIONS.get(index) {
-                change(&mut setup.config.controller);
-            }
-        }
-        _ => setup.config.controller.planned_actions = 0,
-    }
     let genie = if controller == Controller::Genie { truth.genie() } else { Vec::new() };
-    let mut chooser: Box<dyn Choose<A>> = match controller {
-        Controller::Fixed | Controller::Cognitive | Controller::Ablated(_) => Box::new(OfTheCore),
-        Controller::Random => Box::new(Random::new(setup.seed)),
-        Controller::Bandit => Box::new(Bandit::new(count)),
-        Controller::Greedy => Box::new(OnMemory::new(Reading::Guess)),
-        Controller::Ucb => Box::new(OnMemory::new(Reading::Optimist)),
-        Controller::Thompson => Box::new(OnMemory::new(Reading::sample(setup.seed))),
-        Controller::Genie => Box::new(Decided { actions: genie.clone() }),
-    };
-    let mut tracker = setup.tracker::<A>().map_err(refused)?;
-    let before = simulator.before();
-    let poses = channel.poses();
-    let first = channel.receiver().first_action;
-    let mut action = genie.first().copied().unwrap_or(first);
+    let mut steered = Steered::<A>::new(simulator, setup, controller, &genie)?;
     let (mut actions, mut errors_m, mut seconds) = (Vec::new(), Vec::new(), 0.0);
     for cycle in 0..simulator.cycles() {
-        let received = simulator.cycle(cycle, action);
-        let previous_s = cycle.checked_sub(1).map(|previous| poses[previous].time_s);
-        let step = step(&mut tracker, &input(&before, &received, previous_s), &mut ()).map_err(refused)?;
-        let ([x, y], [u, v]) = (poses[cycle].position_m, step.report.position_m);
-        errors_m.push((x - f64::from(u)).hypot(y - f64::from(v)));
+        let SteeredCycle { action, step, error_m } = steered.cycle(simulator, cycle)?;
+        errors_m.push(error_m);
         seconds += step.seconds;
         actions.push(action);
-        let next = poses.get(cycle + 1).map_or(0.1, |next| next.time_s - poses[cycle].time_s);
-        action = chooser.next(&choice::Seen {
-            tracker: &tracker,
-            report: &step.report,
-            actions: count,
-            elapsed_s: next,
-            tag_height_m: channel.tag_height_m(cycle),
-        });
+        if let Some(decisions) = &mut decisions {
+            let (values, policy) = steered.tracker.controller();
+            decisions.push(values.values(), policy, setup.actions.len());
+        }
     }
     Ok(Run {
         controller,

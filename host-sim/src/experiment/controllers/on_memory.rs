@@ -32,6 +32,7 @@ impl Reading {
 }
 
 /// Takes the action that should tell most.
+#[derive(Clone)]
 pub struct OnMemory {
     reading: Reading,
 }
@@ -99,7 +100,9 @@ impl<const A: usize> Choose<A> for OnMemory {
                 let range_m2 = f64::from(config.ranging.variance_inflation)
                     * f64::from(pulse.range_variance_m2(sinr as f32))
                     + f64::from(config.ranging.floor_m).powi(2);
-                let found = f64::from(detection_probability(sinr as f32, tracker.threshold()));
+                let found = f64::from(
+                    memory.visibility(source) * detection_probability(sinr as f32, tracker.threshold()),
+                );
                 let weight = found / (range_m2 + map_m2);
                 sum[0] += weight * gx * gx;
                 sum[1] += weight * gx * gy;
@@ -111,5 +114,9 @@ impl<const A: usize> Choose<A> for OnMemory {
             after.update(*information);
             -after.position_entropy_nat()
         }))
+    }
+
+    fn again(&self) -> Box<dyn Choose<A>> {
+        Box::new(self.clone())
     }
 }

@@ -99,9 +99,15 @@ pub struct Beliefs<T> {
 ///
 /// Q_1(sqrt(2 SINR), sqrt(2 kappa)) (Marcum), by the logistic curve in the difference of its arguments.
 pub fn detection_probability<T: Real>(sinr: T, threshold: T) -> T {
-    let root = |x: T| sqrt(T::of(2.0) * larger(x, T::ZERO));
-    let above = root(sinr) - root(threshold);
-    T::ONE / (T::ONE + exp(-T::of(LOGISTIC) * above))
+    let [sinr, threshold] = [sinr, threshold].map(|x| sqrt(larger(x, T::ZERO)));
+    T::ONE / (T::ONE + missed_odds(sinr, threshold))
+}
+
+/// (1 - P_d) / P_d from the roots of SINR and threshold.
+pub fn missed_odds<T: Real>(sinr_root: T, threshold_root: T) -> T {
+    // Order: both constants first.
+    let slope = T::of(LOGISTIC) * T::of(std::f32::consts::SQRT_2);
+    exp(slope * (threshold_root - sinr_root))
 }
 
 /// Whether a measurement lies two deviations or more ahead of a direct path.

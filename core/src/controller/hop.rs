@@ -1,0 +1,115 @@
+//! Hopping: how both ends of a link get to the next action together.
+//!
+//! The end that decides writes into every frame which action the next cycle uses, so a choice made after cycle n is
+//! announced in cycle n + 1 and used from cycle n + 2 on. A lost frame leaves it open whether the other end has read the
+//! announcement. Each end then stays where it is, and after three lost frames in a row goes to the rendezvous action,
+//! where they meet again.
+
+/// Frames lost in a row after which an end goes to the rendezvous.
+const LOST_FRAMES: u32 = 3;
+
+/// One end of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hop {
+    present: usize,
+    announced: usize,
+    rendezvous: usize,
+    lost: u32,
+}
+
+impl Hop {
+    /// An end that starts with the action `first` and goes to `rendezvous` when it hears nothing any more.
+    pub fn new(first: usize, rendezvous: usize) -> Self {
+        Self { present: first, announced: first, rendezvous, lost: 0 }
+    }
+
+    /// The action to use now.
+    pub fn present(&self) -> usize {
+        self.present
+    }
+
+    /// What the deciding end writes into the frame it sends now: the action of the next cycle.
+    pub fn announced(&self) -> usize {
+        self.announced
+    }
+
+    /// Frames lost in a row.
+    pub fn lost(&self) -> u32 {
+        self.lost
+    }
+
+    /// At the deciding end, the exchange came through: the other end knows the announcement, which holds from now on;
+    /// `chosen` is announced next.
+    pub fn decide(&mut self, chosen: usize) {
+        self.follow(self.announced);
+        self.announced = chosen;
+    }
+
+    /// At the other end, a frame came through that announces this action: it holds from now on.
+    pub fn follow(&mut self, announced: usize) {
+        self.present = announced;
+        self.announced = announced;
+        self.lost = 0;
+    }
+
+    /// At either end, nothing came through.
+    pub fn miss(&mut self) {
+        self.lost = self.lost.saturating_add(1);
+        if self.lost >= LOST_FRAMES {
+            self.present = self.rendezvous;
+            self.announced = self.rendezvous;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_core::{Rng, SeedableRng};
+
+    #[test]
+    fn a_choice_is_announced_before_it_is_used() {
+        let (mut tag, mut anchor) = (Hop::new(5, 0), Hop::new(5, 0));
+        for chosen in [7, 9, 9, 2, 4] {
+            assert_eq!(tag.present(), anchor.present());
+            let announced = tag.announced();
+            anchor.follow(announced);
+            tag.decide(chosen);
+            assert_eq!(tag.present(), announced);
+            assert_eq!(tag.announced(), chosen);
+        }
+    }
+
+    /// Poll and answer are lost at random, and always on different actions. However they were parted, both ends meet again
+    /// within seven cycles once the air is clear: at most three losses each, and the exchange.
+    #[test]
+    fn parted_ends_meet_again() {
+        let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(3);
+        for trial in 0..2000 {
+            let (mut tag, mut anchor) = (Hop::new(1, 0), Hop::new(1, 0));
+            let mut since_heard = 0;
+            for cycle in 0..60 {
+                let noisy = cycle < 40;
+                let lost =
+                    |rng: &mut rand_xoshiro::Xoshiro128PlusPlus| noisy && rng.next_u32().is_multiple_of(3);
+                let together = tag.present() == anchor.present();
+                let polled = together && !lost(&mut rng);
+                let announced = tag.announced();
+                if polled {
+                    anchor.follow(announced)
+                } else {
+                    anchor.miss()
+                }
+                let answered = polled && !lost(&mut rng);
+                let chosen = 1 + (rng.next_u32() % 9) as usize;
+                if answered {
+                    tag.decide(chosen)
+                } else {
+                    tag.miss()
+                }
+                since_heard = if answered || noisy { 0 } else { since_heard + 1 };
+                assert!(since_heard < 7, "trial {trial}, cycle {cycle}: {tag:?} {anchor:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Planning alone on a Cortex-M4F at full size: 20 of 40 actions, two physical and 24 virtual anchors. For every horizon,
+//! the hash over all rewards, the instructions and the stack. `tests/on_target.sh` runs it in QEMU, on the feed that
+//! `tests/src/full_plan.rs` describes.
+
+#![no_std]
+#![no_main]
+
+use cogmint_board::Once;
+use cogmint_board::host::{self, File, Line};
+use cogmint_board::meter::{StackMeter, instructions};
+use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
+use cogmint_core::controller::planning::{Horizon, Outlook, Visible, plan};
+use cogmint_core::controller::reward::Reward;
+use cogmint_core::memory::channel::ChannelMemory;
+use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::pulse::PulseShape;
+use cogmint_core::trace::TraceHash;
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use cortex_m_rt::entry;
+use heapless::Vec;
+use nalgebra::{Matrix2, Matrix4};
+
+const ANCHORS: usize = 2;
+const VAS: usize = 24;
+const SOURCES: usize = ANCHORS + VAS;
+const ACTIONS: usize = 40;
+const HORIZONS: [usize; 2] = [1, 5];
+const MAGIC: [u8; 4] = *b"COGP";
+
+type Memory = ChannelMemory<ANCHORS, VAS, ACTIONS>;
+
+static MEMORY: Once<MaybeUninit<Memory>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: see `Once`.
+    let slot = unsafe { &mut *MEMORY.0.get() };
+    let done = run(slot).is_some();
+    if !done {
+        host::write(b"error no feed, or a malformed one\n");
+    }
+    host::exit(done)
+}
+
+fn float(feed: &mut File) -> Option<f32> {
+    let mut bytes = [0; 4];
+    feed.read(&mut bytes).then(|| f32::from_le_bytes(bytes))
+}
+
+fn run(slot: &mut MaybeUninit<Memory>) -> Option<()> {
+    let mut feed = File::open_feed()?;
+    let mut magic = [0; 4];
+    if !feed.read(&mut magic) || magic != MAGIC {
+        return None;
+    }
+    let library = Library::<ACTIONS>::new(&LIBRARY_WIDE).ok()?;
+    let memory = slot.write(Memory::new(10.0, true, &library));
+    let mut visible: Vec<Visible, SOURCES> = Vec::new();
+    for index in 0..SOURCES {
+        let source = match index.checked_sub(ANCHORS) {
+            None => Source::Direct { anchor: index },
+            Some(slot) => Source::Virtual { anchor: slot % ANCHORS, slot },
+        };
+        let position_m = [float(&mut feed)?, float(&mut feed)?];
+        let (xx, yx, yy) = (float(&mut feed)?, float(&mut feed)?, float(&mut feed)?);
+        let mut sinr = [0.0; ACTIONS];
+        for sinr in &mut sinr {
+            *sinr = float(&mut feed)?;
+        }
+        memory.tell(source, &sinr);
+        let covariance_m2 = Matrix2::new(xx, yx, yx, yy);
+        // As many places as sources.
+        let _ = visible.push(Visible { source, position_m, height_m: 0.0, covariance_m2 });
+    }
+    for steps in HORIZONS {
+        let stack = StackMeter::paint();
+        let (count, hash) = measure(steps, &visible, memory, &library);
+        let deepest = stack.used();
+        let mut line = Line::new();
+        line.text(b"horizon ").decimal(steps as u32).text(b" hash ").hex(hash);
+        line.text(b" ").decimal(count).text(b" stack ").decimal(deepest);
+        line.end();
+    }
+    Some(())
+}
+
+/// One plan: its instructions, and the hash over its rewards. Its own stack frame, so that all scratch lies below the
+/// painter.
+#[inline(never)]
+fn measure(
+    steps: usize,
+    visible: &Vec<Visible, SOURCES>,
+    memory: &Memory,
+    library: &Library<ACTIONS>,
+) -> (u32, u64) {
+    let outlook = Outlook {
+        position_m: [3.0, 6.0],
+        velocity_m_s: [0.3, -0.1],
+        covariance: Matrix4::new(
+            4e-4, 0.0, 0.0, 0.0, 0.0, 4e-4, 0.0, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 1e-3,
+        ),
+        elapsed_s: 0.1,
+        acceleration_std_m_s2: 0.3,
+        variance_inflation: 1.44,
+        range_floor_m: 2e-3,
+        pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
+        threshold: 6.3,
+    };
+    let mut planned = [false; ACTIONS];
+    planned.iter_mut().step_by(2).for_each(|wanted| *wanted = true);
+    let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };
+    let (count, rewards) =
+        instructions(|| plan(&planned, &horizon, &outlook, visible.iter().copied(), memory, library));
+    let mut hash = TraceHash::default();
+    rewards.iter().for_each(|reward| hash.float(*reward));
+    (count, hash.value())
+}

@@ -1,0 +1,105 @@
+//! The planning problem at full size: 20 of 40 actions, two physical and 24 virtual anchors, all of which are expected to
+//! be seen, with SINRs from -5 to 30 dB.
+
+use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
+use cogmint_core::controller::planning::{Horizon, Outlook, Visible, plan};
+use cogmint_core::controller::reward::Reward;
+use cogmint_core::memory::channel::ChannelMemory;
+use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::pulse::PulseShape;
+use cogmint_core::trace::TraceHash;
+use nalgebra::{Matrix2, Matrix4};
+use rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro128PlusPlus;
+
+/// Physical anchors.
+pub const ANCHORS: usize = 2;
+/// Virtual anchors.
+pub const VAS: usize = 24;
+/// Actions.
+pub const ACTIONS: usize = 40;
+/// Horizons planned, cycles.
+pub const HORIZONS: [usize; 2] = [1, 5];
+
+/// A source, its map covariance (xx, yx, yy; square metres) and its SINR at every action.
+pub struct Seen {
+    /// Position, metres.
+    pub position_m: [f32; 2],
+    /// Covariance of it, square metres.
+    pub covariance_m2: [f32; 3],
+    /// SINR (linear) by action.
+    pub sinr: [f32; ACTIONS],
+}
+
+/// The problem.
+pub struct Problem {
+    /// The sources: physical anchors first.
+    pub sources: Vec<Seen>,
+}
+
+impl Problem {
+    /// The one problem there is.
+    pub fn new() -> Self {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(26);
+        let mut uniform = || (rng.next_u32() >> 8) as f32 / 16_777_216.0;
+        let sources = (0..ANCHORS + VAS).map(|index| {
+            let std_m = if index < ANCHORS { 0.0 } else { 0.01 + 0.05 * uniform() };
+            Seen {
+                position_m: [30.0 * uniform() - 12.0, 30.0 * uniform() - 10.0],
+                covariance_m2: [std_m * std_m, 0.2 * std_m * std_m, 0.7 * std_m * std_m],
+                sinr: std::array::from_fn(|_| 10_f32.powf(-0.5 + 3.5 * uniform())),
+            }
+        });
+        Self { sources: sources.collect() }
+    }
+
+    /// As the firmware's `planning` reads it.
+    pub fn feed(&self) -> Vec<u8> {
+        let mut bytes = b"COGP".to_vec();
+        for source in &self.sources {
+            let floats = source.position_m.iter().chain(&source.covariance_m2).chain(&source.sinr);
+            floats.for_each(|float| bytes.extend(float.to_le_bytes()));
+        }
+        bytes
+    }
+
+    /// Hash over the rewards of a horizon, as the firmware computes it.
+    pub fn hash(&self, steps: usize) -> u64 {
+        let library = Library::<ACTIONS>::new(&LIBRARY_WIDE).expect("is valid");
+        let mut memory = ChannelMemory::<ANCHORS, VAS, ACTIONS>::new(10.0, true, &library);
+        let mut visible = Vec::new();
+        for (index, seen) in self.sources.iter().enumerate() {
+            let source = match index.checked_sub(ANCHORS) {
+                None => Source::Direct { anchor: index },
+                Some(slot) => Source::Virtual { anchor: slot % ANCHORS, slot },
+            };
+            memory.tell(source, &seen.sinr);
+            let [xx, yx, yy] = seen.covariance_m2;
+            let covariance_m2 = Matrix2::new(xx, yx, yx, yy);
+            visible.push(Visible { source, position_m: seen.position_m, height_m: 0.0, covariance_m2 });
+        }
+        let outlook = Outlook {
+            position_m: [3.0, 6.0],
+            velocity_m_s: [0.3, -0.1],
+            covariance: Matrix4::from_diagonal(&[4e-4_f32, 4e-4, 1e-3, 1e-3].into()),
+            elapsed_s: 0.1,
+            acceleration_std_m_s2: 0.3,
+            variance_inflation: 1.44,
+            range_floor_m: 2e-3,
+            pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
+            threshold: 6.3,
+        };
+        let planned = std::array::from_fn(|action| action % 2 == 0);
+        let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };
+        let rewards = plan(&planned, &horizon, &outlook, visible.into_iter(), &memory, &library);
+        let mut hash = TraceHash::default();
+        rewards.iter().for_each(|reward| hash.float(*reward));
+        hash.value()
+    }
+}
+
+impl Default for Problem {
+    fn default() -> Self {
+        Self::new()
+    }
+}
