@@ -2,7 +2,8 @@
 //!
 //! For every planned action the agent's covariance is carried ahead, step by step: prediction, then the
 //! information of all sources expected visible at the predicted position, with range variances from the channel
-//! memory at that action, times the probability that the path is found at all. Geometry does not depend on the action, so each step computes it once for all.
+//! memory at that action, times the probability that the path is found at all. Geometry does not depend on the action:
+//! it is computed once for a batch of them.
 //! The same action is held over the horizon; its rewards are discounted by gamma^(l-1) and normalised.
 
 use super::library::Library;

@@ -1,7 +1,8 @@
 //! The controller: which action comes next.
 //!
 //! Every action c has a value J(c), what it is worth beyond the present one: J <- (1 - alpha) J + alpha (r - r_present) of
-//! the rewards that planning predicts for a drawn set of actions, and J <- J + beta (earned - planned) for the one applied. The policy is
+//! the rewards that planning predicts for a drawn set of actions, and J <- J + beta (earned - planned) for the one
+//! applied. The policy is
 //! pi = softmax(J / tau) with a floor; the best action is held, and with probability epsilon one from the policy tried.
 
 use super::Matrix;
