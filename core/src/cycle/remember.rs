@@ -24,20 +24,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.channel.age();
         for associated in heard {
             let scan = &associated.scan;
-            let shares = scan.framed.then(|| self.channel.shares(scan.action, self.controller.library()));
             // What is missing from a doubtful place may be where it was: the tag is not.
             if self.loss.is_doubtful() {
                 self.remember_noise(associated);
-            }
-            let judged = if self.loss.is_doubtful() { 0 } else { usize::MAX };
-            for (regression, belief) in associated.features().take(judged) {
-                if let Source::Virtual { slot, .. } = regression.source {
-                    let detection = self.detection(regression.source, scan, Some(regression.range_m));
-                    self.environment.remember(slot, belief.existence, belief.missed < 0.5, detection);
-                }
-                if let Some(shares) = &shares {
-                    self.remember_channel(regression, scan, shares, belief);
-                }
+            } else {
+                self.remember_features(associated);
             }
             let mut expected = 0.0;
             report.anchors_heard += 1;
@@ -49,6 +40,21 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             if let Some(unexplained) = self.unexplained.get_mut(scan.anchor) {
                 let clutter = self.config.association.clutter_per_anchor;
                 *unexplained = larger(0.95 * *unexplained + 0.05 * expected, clutter);
+            }
+        }
+    }
+
+    /// Existence, and in frames SINR and visibility, of every feature of a scan.
+    fn remember_features(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
+        let scan = associated.scan;
+        let shares = scan.framed.then(|| self.channel.shares(scan.action, self.controller.library()));
+        for (regression, belief) in associated.features() {
+            if let Source::Virtual { slot, .. } = regression.source {
+                let detection = self.detection(regression.source, scan, Some(regression.range_m));
+                self.environment.remember(slot, belief.existence, belief.missed < 0.5, detection);
+            }
+            if let Some(shares) = &shares {
+                self.remember_channel(regression, scan, shares, belief);
             }
         }
     }
