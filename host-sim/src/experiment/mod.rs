@@ -4,6 +4,7 @@ pub mod baseline;
 pub mod controllers;
 pub mod eight_paths;
 pub mod estimator;
+mod over_runs;
 pub mod response;
 pub mod survival;
 pub mod tracking;

@@ -2,6 +2,7 @@
 
 use super::onset::{Answer, answers, slowest};
 use super::{Comparison, Controller, Run};
+use crate::experiment::over_runs::{mean, standard_error};
 use serde::Serialize;
 
 /// All controllers in one scenario.
@@ -120,20 +121,6 @@ fn row(controller: Controller, comparisons: &[Comparison]) -> Row {
         cycles_to_90_percent: slowest(&onsets),
         onsets,
     }
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn standard_error(values: &[f64]) -> f64 {
-    let count = values.len() as f64;
-    if count < 2.0 {
-        return 0.0;
-    }
-    let middle = mean(values);
-    let squares: f64 = values.iter().map(|value| (value - middle) * (value - middle)).sum();
-    (squares / (count - 1.0) / count).sqrt()
 }
 
 #[cfg(test)]

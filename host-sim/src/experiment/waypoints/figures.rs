@@ -1,6 +1,7 @@
 //! Figures of a comparison of waypoint choosers.
 
 use super::{Chooser, Run, Walk};
+use crate::experiment::over_runs::{mean, standard_error};
 use serde::Serialize;
 
 /// All choosers in one scenario.
@@ -90,20 +91,6 @@ fn row(chooser: Chooser, runs: &[Run]) -> Row {
             .collect(),
         runs: own.len(),
     }
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn standard_error(values: &[f64]) -> f64 {
-    let count = values.len() as f64;
-    if count < 2.0 {
-        return 0.0;
-    }
-    let middle = mean(values);
-    let squares: f64 = values.iter().map(|value| (value - middle) * (value - middle)).sum();
-    (squares / (count - 1.0) / count).sqrt()
 }
 
 #[cfg(test)]
