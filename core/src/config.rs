@@ -1,5 +1,6 @@
 //! Configuration: plain data, every field with its unit, its range and what more or less of it does.
 
+use crate::controller::planning::LONGEST_HORIZON;
 use crate::controller::policy::Choice;
 use crate::controller::reward::Reward;
 use crate::controller::value::Learning;
@@ -91,6 +92,9 @@ pub struct ControllerSettings {
     pub prior_sinr: f32,
     /// Whether what is heard with an action also tells of those whose spectra it overlaps.
     pub neighbours: bool,
+    /// Whether every anchor gets an action of its own, for links that can be tuned apart; without, all share one. Anchors
+    /// whose pulses differ in duration cost an estimator built anew for each.
+    pub per_anchor: bool,
     /// The action to go to after three lost frames. Where there is one, every choice is announced to the other end one
     /// cycle before it is used; without, it is used at once.
     pub rendezvous: Option<usize>,
@@ -193,6 +197,7 @@ impl Default for Config {
                 first_action: 0,
                 prior_sinr: 10.0,
                 neighbours: true,
+                per_anchor: false,
                 rendezvous: None,
             },
         }
@@ -265,7 +270,7 @@ impl Config {
         within(controller.choice.exploration, 0.0, 1.0, Setting::Exploration)?;
         within(controller.choice.hysteresis_nat, 0.0, 100.0, Setting::Hysteresis)?;
         within(controller.planned_actions as f32, 0.0, 1e3, Setting::PlannedActions)?;
-        within(controller.horizon as f32, 1.0, 16.0, Setting::Horizon)?;
+        within(controller.horizon as f32, 1.0, LONGEST_HORIZON as f32, Setting::Horizon)?;
         within(controller.prior_sinr, 0.01, 1e6, Setting::PriorSinr)?;
         if let Reward::Published { scale } = controller.reward {
             within(scale, 1e-30, 1e30, Setting::RewardScale)?;

@@ -149,6 +149,7 @@ pub enum Setting {
     LibraryLength,
     FirstAction,
     Rendezvous,
+    Restriction,
     LearningRate,
     Discount,
     Temperature,

@@ -43,10 +43,10 @@ pub struct CycleReport {
     /// Index of the action this cycle's frames were received with (the first anchor's where they differ; the one
     /// asked for where there was none): the reward is credited to it.
     pub action: usize,
-    /// Index of the next action.
+    /// Index of the next action: the first anchor's where each has its own ([`crate::Tracker::controller_of`] has all).
     pub next_action: usize,
     /// Index of the action after that, which the next frame is to announce; `None` where nothing is announced.
     pub announced_action: Option<usize>,
-    /// The next action.
+    /// The next action, carrier and pulse.
     pub next: Action,
 }

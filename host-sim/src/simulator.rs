@@ -160,9 +160,14 @@ impl Simulator {
 
     /// What arrives in a cycle when all anchors use `action`: truth and every frame that is not lost.
     pub fn cycle(&self, cycle: usize, action: usize) -> recording::Cycle {
+        self.cycle_with(cycle, |_| action)
+    }
+
+    /// The same where each anchor has an action of its own.
+    pub fn cycle_with(&self, cycle: usize, action_of: impl Fn(usize) -> usize) -> recording::Cycle {
         let anchors = 0..self.channel.scenario().anchors.len();
-        let frames = anchors.map(|anchor| self.frame(cycle, anchor, action, &mut FrameScratch::default()));
-        self.assembled(cycle, frames.collect())
+        let frame = |anchor| self.frame(cycle, anchor, action_of(anchor), &mut FrameScratch::default());
+        self.assembled(cycle, anchors.map(frame).collect())
     }
 
     /// A recording of the first `cycles` cycles (at most all) with the scheduled actions, on all processor cores.

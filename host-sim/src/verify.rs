@@ -8,6 +8,7 @@
 
 use crate::input_error::InputError;
 use crate::recording::Recording;
+use crate::reference::controller::Controller;
 use crate::reference::cycle::Intermediates;
 use crate::reference::{Capacity, Reference};
 use crate::replay::{ACTIONS, LARGE_ANCHORS, PATHS, SMALL_ANCHORS, Setup, Step, VAS, inputs, step};
@@ -498,18 +499,19 @@ impl Comparison {
         self.list(stage, "the candidates", &numbers, |f| reference.discovery.visit(f));
 
         let stage = "act";
-        let (values, policy) = core.controller();
-        for (action, (a, b)) in values.values().iter().zip(&reference.values).enumerate() {
-            self.float(stage, format_args!("value of action {action}"), *a, *b);
-        }
-        for (action, (a, b)) in policy.iter().zip(&reference.policy).enumerate() {
-            self.float(stage, format_args!("policy of action {action}"), *a, *b);
-        }
-        let words = core.choice_words();
         let names =
             ["action held", "action chosen", "present action", "action announced", "cycles without a frame"];
-        for ((name, a), b) in names.iter().zip(words).zip(choice_words(reference)) {
-            self.count(stage, format_args!("{name}"), a, b);
+        for (index, theirs) in reference.controllers.iter().enumerate() {
+            let Some(ours) = core.controller_of(index) else { continue };
+            for (action, (a, b)) in ours.values().values().iter().zip(&theirs.values).enumerate() {
+                self.float(stage, format_args!("value {index} of action {action}"), *a, *b);
+            }
+            for (action, (a, b)) in ours.policy().iter().zip(&theirs.policy).enumerate() {
+                self.float(stage, format_args!("policy {index} of action {action}"), *a, *b);
+            }
+            for ((name, a), b) in names.iter().zip(ours.words()).zip(theirs.words()) {
+                self.count(stage, format_args!("{name} ({index})"), a, b);
+            }
         }
     }
 
@@ -554,21 +556,11 @@ impl Comparison {
     }
 }
 
-/// The core's `choice_words` of the reference.
-fn choice_words(reference: &Reference<f32>) -> [u32; 5] {
-    let Reference { held, chosen, action, announced, silent_cycles, .. } = reference;
-    // Without a rendezvous nothing is announced and nobody counts.
-    if reference.rendezvous().is_none() {
-        return [*held as u32, *chosen as u32, *chosen as u32, 0, 0];
-    }
-    [*held as u32, *chosen as u32, *action as u32, *announced as u32, *silent_cycles]
-}
-
 /// The core's hash, over the reference's state: nothing kept escapes the comparison.
 fn state_hash(reference: &Reference<f32>) -> u64 {
     let mut hash = TraceHash::default();
     hash.word(reference.cycle);
-    choice_words(reference).into_iter().for_each(|word| hash.word(word));
+    reference.controllers.iter().flat_map(Controller::words).for_each(|word| hash.word(word));
     reference.filter.visit(&mut |_, value| hash.float(value));
     for (slot, record) in reference.environment.in_use() {
         hash.word(slot as u32);
@@ -584,8 +576,10 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
         acquisition.visit(&mut |_, value| hash.float(value));
     }
     hash.float(reference.loss.doubt_nat);
-    reference.values.iter().chain(&reference.policy).for_each(|value| hash.float(*value));
-    hash.float(reference.planned_reward.unwrap_or(0.0));
+    for controller in &reference.controllers {
+        controller.values.iter().chain(&controller.policy).for_each(|value| hash.float(*value));
+        hash.float(controller.planned_reward.unwrap_or(0.0));
+    }
     reference.unexplained.iter().for_each(|value| hash.float(*value));
     for last in &reference.last_sequence {
         hash.word(u32::from(last.is_some()));
@@ -636,7 +630,9 @@ fn decision_difference(
             return Some(format!("virtual anchor in slot {slot}"));
         }
     }
-    (single.action != double.action).then(|| "next action".to_owned())
+    let ours = single.controllers.iter().map(|controller| controller.action);
+    let precise = double.controllers.iter().map(|controller| controller.action);
+    (!ours.eq(precise)).then(|| "next action".to_owned())
 }
 
 impl Coverage {
@@ -827,7 +823,7 @@ mod tests {
                 }
                 // One frame in nine is lost.
                 if kind != Kind::Ranges && rng.next_u32() % 9 != 0 {
-                    let action = n * 5 % 6;
+                    let action = (n * 5 + anchor) % 6;
                     cycle.frames.push(Frame {
                         anchor,
                         action,
@@ -906,6 +902,29 @@ mod tests {
         setup.config.controller.choice.exploration = 0.5;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.action_changes > 10, "{covered:?}");
+    }
+
+    /// Choices announced and for every anchor by itself, over lost frames, and among a part of the library.
+    #[test]
+    fn frames_are_equal_however_the_next_action_is_agreed_on() {
+        let mut recording = recording(Kind::Complex, 120, 200);
+        for (n, cycle) in recording.cycles.iter_mut().enumerate() {
+            match n {
+                // Both ends of the first link go to the rendezvous, and later those of all.
+                40..45 => cycle.frames.retain(|frame| frame.anchor != 0),
+                70..75 => cycle.frames.clear(),
+                _ => {}
+            }
+        }
+        for (per_anchor, rendezvous) in [(true, None), (false, Some(1)), (true, Some(1))] {
+            let mut setup = setup(&recording);
+            setup.config.controller.per_anchor = per_anchor;
+            setup.config.controller.rendezvous = rendezvous;
+            setup.config.controller.horizon = 2;
+            setup.config.controller.choice.exploration = 0.2;
+            let covered = verified(&setup, &recording).covered;
+            assert!(covered.action_changes > 10, "{covered:?}");
+        }
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //! be seen, with SINRs from -5 to 30 dB.
 
 use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
-use cogmint_core::controller::planning::{Horizon, Outlook, Visible, plan};
+use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Outlook, Scene, Visible};
 use cogmint_core::controller::reward::Reward;
+use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::ChannelMemory;
 use cogmint_core::perceptor::state_filter::Source;
 use cogmint_core::pulse::PulseShape;
@@ -31,6 +32,10 @@ pub struct Seen {
     pub sinr: [f32; ACTIONS],
 }
 
+/// Where the tag is: position (m), velocity (m/s), their variances, the cycle's length (s), the deviation of the
+/// acceleration (m/s^2), the inflation of variances, the range floor (m), the pulse's roll-off, the threshold.
+const OUTLOOK: [f32; 14] = [3.0, 6.0, 0.3, -0.1, 4e-4, 4e-4, 1e-3, 1e-3, 0.1, 0.3, 1.44, 2e-3, 0.6, 6.3];
+
 /// The problem.
 pub struct Problem {
     /// The sources: physical anchors first.
@@ -56,6 +61,7 @@ impl Problem {
     /// As the firmware's `planning` reads it.
     pub fn feed(&self) -> Vec<u8> {
         let mut bytes = b"COGP".to_vec();
+        OUTLOOK.iter().for_each(|float| bytes.extend(float.to_le_bytes()));
         for source in &self.sources {
             let floats = source.position_m.iter().chain(&source.covariance_m2).chain(&source.sinr);
             floats.for_each(|float| bytes.extend(float.to_le_bytes()));
@@ -78,20 +84,24 @@ impl Problem {
             let covariance_m2 = Matrix2::new(xx, yx, yx, yy);
             visible.push(Visible { source, position_m: seen.position_m, height_m: 0.0, covariance_m2 });
         }
+        let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_std_m_s2, ..] = OUTLOOK;
+        let [.., variance_inflation, range_floor_m, roll_off, threshold] = OUTLOOK;
         let outlook = Outlook {
-            position_m: [3.0, 6.0],
-            velocity_m_s: [0.3, -0.1],
-            covariance: Matrix4::from_diagonal(&[4e-4_f32, 4e-4, 1e-3, 1e-3].into()),
-            elapsed_s: 0.1,
-            acceleration_std_m_s2: 0.3,
-            variance_inflation: 1.44,
-            range_floor_m: 2e-3,
-            pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
-            threshold: 6.3,
+            position_m: [x, y],
+            velocity_m_s: [u, v],
+            covariance: Matrix4::from_diagonal(&[xx, yy, uu, vv].into()),
+            elapsed_s,
+            acceleration_std_m_s2,
+            variance_inflation,
+            range_floor_m,
+            pulse_shape: PulseShape::RootRaisedCosine { roll_off },
+            threshold,
         };
         let planned = std::array::from_fn(|action| action % 2 == 0);
         let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };
-        let rewards = plan(&planned, &horizon, &outlook, visible.into_iter(), &memory, &library);
+        let scene = Scene::new(horizon, &outlook, &memory, &library);
+        let given = [PositionInformation::default(); LONGEST_HORIZON];
+        let rewards = scene.plan(&planned, visible.into_iter(), &given);
         let mut hash = TraceHash::default();
         rewards.iter().for_each(|reward| hash.float(*reward));
         hash.value()

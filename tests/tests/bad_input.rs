@@ -253,8 +253,8 @@ fn hours_without_any_frame_leave_every_number_finite() {
             let report = tracker.cycle(&[], 3600.0, None).unwrap();
             assert!(report.entropy_nat.is_finite() && report.reward.is_finite(), "cycle {cycle}: {report:?}");
         }
-        let (values, policy) = tracker.controller();
-        assert!(values.values().iter().chain(policy).all(|v| v.is_finite()));
+        let controller = tracker.controller_of(0).unwrap();
+        assert!(controller.values().values().iter().chain(controller.policy()).all(|v| v.is_finite()));
         tracker.filter().visit(|v| assert!(v.is_finite()));
         // A bias nobody observes stays as unknown as it was.
         assert!(tracker.filter().bias_m(1).unwrap().1 <= 0.15 * 0.15 * 1.001);
@@ -379,4 +379,29 @@ fn random_frames_never_panic_and_never_leave_a_number_that_is_none() {
         }
     }
     assert!(refused > 300 && refused < 2900, "{refused} refused: the test must see both outcomes");
+}
+
+#[test]
+fn each_anchor_keeps_to_the_actions_it_may_use() {
+    let mut config = config();
+    config.controller.per_anchor = true;
+    config.controller.choice.exploration = 0.5;
+    config.controller.first_action = 30;
+    let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).unwrap();
+    assert_eq!(tracker.restrict(9, &[1]), Err(Error::UnknownAnchor { anchor: 9 }));
+    assert_eq!(tracker.restrict(0, &[1, 40]), Err(Error::UnknownAction { action: 40 }));
+    assert_eq!(tracker.restrict(0, &[]), Err(Error::Configuration(Setting::Restriction)));
+    tracker.restrict(0, &[3, 4, 5]).unwrap();
+    assert_eq!(tracker.restrict(0, &[6]), Err(Error::Configuration(Setting::Restriction)));
+    assert!(tracker.controller_of(ANCHORS.len()).is_none());
+    let mut used = [[false; 40]; 2];
+    for _ in 0..400 {
+        tracker.cycle(&[], 0.1, None).unwrap();
+        for (anchor, used) in used.iter_mut().enumerate() {
+            used[tracker.controller_of(anchor).unwrap().action_index()] = true;
+        }
+    }
+    let count = |used: &[bool]| used.iter().filter(|used| **used).count();
+    assert!(count(&used[0]) == 3 && used[0][3..6].iter().all(|used| *used));
+    assert!(count(&used[1]) > 10);
 }

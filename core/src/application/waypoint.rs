@@ -12,7 +12,7 @@
 //! deviation that is smaller by the factor e^(1/2) on both axes. Candidates should be about equally far away: a longer
 //! way there is more cycles of measurements and more progress at once.
 //!
-//! SINRs come from the channel memory at one action. It knows them as they are at the present distance of tag and source;
+//! SINRs come from the channel memory, at one action for each source. It knows them as they are at the present distance of tag and source;
 //! from another place the power of the path is that of free space, SINR (present distance / distance there)^2, over
 //! unchanged noise. Sources never observed have the memory's prior SINR, at every distance. No source comes into sight and
 //! none goes out of it on the way: the memories hold no walls. As in [`crate::controller::planning`], a path counts by the
@@ -130,29 +130,34 @@ impl fmt::Display for WaypointError {
 impl core::error::Error for WaypointError {}
 
 /// Chooses one of `candidates` (positions, metres; 1 to [`MOST_CANDIDATES`]) on the way to `goal`, by what the memories
-/// know at `action`. `outlook` is where the tag starts; its velocity and its length of a cycle are not used, since the way
+/// know. `visible` are the sources with the action each is received with; `outlook` is where the tag starts; its velocity and its length of a cycle are not used, since the way
 /// is the one to the candidate and `settings` has the period.
 ///
 /// # Errors
 /// The first bad input.
-#[allow(clippy::too_many_arguments)] // each argument is one thing the choice depends on
 pub fn choose_waypoint<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
     candidates: &[[f32; 2]],
     goal: Option<[f32; 2]>,
     settings: &WaypointSettings,
     outlook: &Outlook,
-    visible: impl Iterator<Item = Visible> + Clone,
+    visible: impl Iterator<Item = (Visible, usize)> + Clone,
     memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
     library: &Library<ACTIONS>,
-    action: usize,
 ) -> Result<WaypointChoice, WaypointError> {
     check(candidates, goal, settings, outlook)?;
-    let Some(entry) = library.get(action) else { return Err(WaypointError::Action) };
-    let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: outlook.pulse_shape };
+    if visible.clone().any(|(_, action)| library.get(action).is_none()) {
+        return Err(WaypointError::Action);
+    }
+    let mut units_m2 = [0.0; ACTIONS];
+    for (action, unit_m2) in units_m2.iter_mut().enumerate() {
+        if let Some(entry) = library.get(action) {
+            let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: outlook.pulse_shape };
+            *unit_m2 = outlook.variance_inflation * pulse.range_variance_m2(1.0);
+        }
+    }
     let ranging = Ranging {
         memory,
-        action,
-        unit_m2: outlook.variance_inflation * pulse.range_variance_m2(1.0),
+        units_m2,
         floor_m2: outlook.range_floor_m * outlook.range_floor_m,
         threshold: outlook.threshold,
     };
@@ -202,18 +207,19 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             pulse_shape: config.radio.pulse_shape,
             threshold: self.threshold(),
         };
-        let sources = self.sources(tag_height_m);
-        let action = self.action_index();
-        choose_waypoint(candidates, goal, settings, &outlook, sources, self.channel(), self.library(), action)
+        let sources = self.sources(tag_height_m).filter_map(|sight| {
+            let controller = self.controller_of(sight.source.anchor())?;
+            Some((sight, controller.action_index()))
+        });
+        choose_waypoint(candidates, goal, settings, &outlook, sources, self.channel(), self.library())
     }
 }
 
-/// What ranges are worth at one action.
+/// What ranges are worth.
 struct Ranging<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> {
     memory: &'a ChannelMemory<ANCHORS, VAS, ACTIONS>,
-    action: usize,
-    /// Variance of a range at SINR 1, square metres.
-    unit_m2: f32,
+    /// Variance of a range at SINR 1, by action, square metres.
+    units_m2: [f32; ACTIONS],
     floor_m2: f32,
     threshold: f32,
 }
@@ -273,7 +279,7 @@ fn travel<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
     cycles: u32,
     period_s: f32,
     outlook: &Outlook,
-    visible: impl Iterator<Item = Visible> + Clone,
+    visible: impl Iterator<Item = (Visible, usize)> + Clone,
     ranging: &Ranging<'_, ANCHORS, VAS, ACTIONS>,
 ) -> Matrix4<f32> {
     let ([x, y], [to_x, to_y]) = (outlook.position_m, candidate);
@@ -283,8 +289,8 @@ fn travel<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
         let place_m = [x + share * (to_x - x), y + share * (to_y - y)];
         let predicted = predict_agent(&covariance, period_s, outlook.acceleration_std_m_s2);
         let mut information = PositionInformation::default();
-        for sight in visible.clone() {
-            ranging.add(&mut information, &sight, outlook.position_m, place_m);
+        for (sight, action) in visible.clone() {
+            ranging.add(&mut information, (&sight, action), outlook.position_m, place_m);
         }
         covariance = information.posterior(&predicted);
     }
@@ -296,7 +302,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Ranging<'_, A
     fn add(
         &self,
         information: &mut PositionInformation,
-        sight: &Visible,
+        (sight, action): (&Visible, usize),
         present_m: [f32; 2],
         place_m: [f32; 2],
     ) {
@@ -305,7 +311,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Ranging<'_, A
         let [ux, uy] = slope;
         let c = &sight.covariance_m2;
         let map_m2 = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
-        let mut sinr = self.memory.sinr(sight.source, self.action);
+        let mut sinr = self.memory.sinr(sight.source, action);
         if self.memory.has_seen(sight.source) {
             let squared = |place: [f32; 2]| {
                 let distance = distance_m(place, sight.position_m);
@@ -315,7 +321,8 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Ranging<'_, A
         }
         // A path tells something only if it is found.
         let found = self.memory.visibility(sight.source) * detection_probability(sinr, self.threshold);
-        information.add(slope, (self.unit_m2 / sinr + self.floor_m2 + map_m2) / found);
+        let unit_m2 = self.units_m2.get(action).copied().unwrap_or(0.0);
+        information.add(slope, (unit_m2 / sinr + self.floor_m2 + map_m2) / found);
     }
 }
 
@@ -339,12 +346,10 @@ mod tests {
     }
 
     /// The direct paths of anchors at these places.
-    fn direct(anchors_m: &[[f32; 2]], height_m: f32) -> Vec<Visible> {
-        let visible = |(anchor, &position_m): (usize, &[f32; 2])| Visible {
-            source: Source::Direct { anchor },
-            position_m,
-            height_m,
-            covariance_m2: Matrix2::new(0.0, 0.0, 0.0, 0.0),
+    fn direct(anchors_m: &[[f32; 2]], height_m: f32) -> Vec<(Visible, usize)> {
+        let visible = |(anchor, &position_m): (usize, &[f32; 2])| {
+            let covariance_m2 = Matrix2::new(0.0, 0.0, 0.0, 0.0);
+            (Visible { source: Source::Direct { anchor }, position_m, height_m, covariance_m2 }, ACTION)
         };
         anchors_m.iter().enumerate().map(visible).collect()
     }
@@ -397,17 +402,8 @@ mod tests {
         let choose = |metres_per_nat: f32, goal: Option<[f32; 2]>| {
             let visible = direct(&[anchor_m], 0.0);
             let settings = settings(metres_per_nat);
-            choose_waypoint(
-                &candidates,
-                goal,
-                &settings,
-                &outlook,
-                visible.into_iter(),
-                &memory,
-                &library,
-                ACTION,
-            )
-            .unwrap()
+            choose_waypoint(&candidates, goal, &settings, &outlook, visible.into_iter(), &memory, &library)
+                .unwrap()
         };
         let seeking = choose(1.0, None);
         assert_eq!((seeking.index, seeking.remaining_m), (1, 0.0));
@@ -448,7 +444,6 @@ mod tests {
                 visible.into_iter(),
                 &memory,
                 &library,
-                ACTION,
             );
             chosen.unwrap().entropy_nat
         };
@@ -530,7 +525,6 @@ mod tests {
                 visible.into_iter(),
                 &memory,
                 &library,
-                ACTION,
             )
             .unwrap();
             assert!((f64::from(ours.entropy_nat) - expected).abs() < 1e-3, "{ours:?} {expected}");
@@ -547,8 +541,8 @@ mod tests {
         let good = settings(1.0);
         let tag = outlook(fixed(1.0, 1.0));
         let asked = |candidates: &[[f32; 2]], goal, settings: &WaypointSettings, tag: &Outlook, action| {
-            let visible = direct(&[[3.0, 0.0]], 0.0);
-            choose_waypoint(candidates, goal, settings, tag, visible.into_iter(), &memory, &library, action)
+            let visible = direct(&[[3.0, 0.0]], 0.0).into_iter().map(|(sight, _)| (sight, action));
+            choose_waypoint(candidates, goal, settings, tag, visible, &memory, &library)
         };
         let one = [[1.0, 1.0]];
         assert_eq!(asked(&[], None, &good, &tag, 0), Err(WaypointError::NoCandidates));

@@ -37,6 +37,34 @@ pub const LIBRARY_DW3000: [Action; 2] = [
     Action { carrier_hz: 7.9872e9, pulse_duration_s: 2.0e-9 },
 ];
 
+/// Channels 0 to 15 of IEEE 802.15.4 HRP UWB, with the pulse of each one's bandwidth.
+pub const LIBRARY_HRP: [Action; 16] = [
+    Action { carrier_hz: 0.4992e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 3.4944e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 3.9936e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 4.4928e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 3.9936e9, pulse_duration_s: 0.75e-9 },
+    Action { carrier_hz: 6.4896e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 6.9888e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 6.4896e9, pulse_duration_s: 0.92e-9 },
+    Action { carrier_hz: 7.4880e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 7.9872e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 8.4864e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 7.9872e9, pulse_duration_s: 0.75e-9 },
+    Action { carrier_hz: 8.9856e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 9.4848e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 9.9840e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 9.4848e9, pulse_duration_s: 0.74e-9 },
+];
+
+/// Of those, the 500 MHz channels that the European Union allows without mitigation: 5, 6, 8, 9.
+pub const LIBRARY_HRP_EUROPE: [Action; 4] = [
+    Action { carrier_hz: 6.4896e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 6.9888e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 7.4880e9, pulse_duration_s: 2.0e-9 },
+    Action { carrier_hz: 7.9872e9, pulse_duration_s: 2.0e-9 },
+];
+
 /// Evaluated at compile time, where an index out of bounds would be a compile error.
 #[allow(clippy::indexing_slicing)]
 const fn evenly_spaced<const N: usize>(first_hz: f32, step_hz: f32, pulse_duration_s: f32) -> [Action; N] {
@@ -59,6 +87,9 @@ const OVERLAP: [f32; 33] = [
 ];
 /// Entries of [`OVERLAP`] per unit of x.
 const OVERLAP_STEPS: f32 = 20.0;
+
+/// Which entries of a library may be chosen.
+pub type Allowed<const ACTIONS: usize> = [bool; ACTIONS];
 
 /// A validated library of at most `ACTIONS` actions.
 #[derive(Clone, Debug)]
@@ -96,6 +127,13 @@ impl<const ACTIONS: usize> Library<ACTIONS> {
     /// Whether there is none; a validated library has at least one.
     pub fn is_empty(&self) -> bool {
         self.actions.is_empty()
+    }
+
+    /// Every entry, to choose from.
+    pub fn all(&self) -> Allowed<ACTIONS> {
+        let mut all = [false; ACTIONS];
+        all.iter_mut().take(self.len()).for_each(|allowed| *allowed = true);
+        all
     }
 
     /// The action of an index.
@@ -138,6 +176,19 @@ mod tests {
         assert_eq!(LIBRARY_PUBLISHED[0].carrier_hz, 6.00e9);
         assert!((LIBRARY_PUBLISHED[39].carrier_hz - 7.95e9).abs() < 1e3);
         assert!((LIBRARY_WIDE[39].carrier_hz - 8.9e9).abs() < 1e3);
+    }
+
+    #[test]
+    fn channels_are_multiples_of_the_chip_rate_and_europe_s_lie_in_its_band() {
+        let library = Library::<16>::new(&LIBRARY_HRP).unwrap();
+        for channel in 0..library.len() {
+            let multiple = library.get(channel).unwrap().carrier_hz / 499.2e6;
+            assert!((multiple - multiple.round()).abs() < 1e-4, "channel {channel}");
+        }
+        for (action, channel) in LIBRARY_HRP_EUROPE.iter().zip([5, 6, 8, 9]) {
+            assert_eq!(*action, LIBRARY_HRP[channel]);
+            assert!(action.carrier_hz - 249.6e6 > 6.0e9 && action.carrier_hz + 249.6e6 < 8.5e9);
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! A single-state value function J over the action library. [`reward`] turns entropies into a reward, [`value`]
 //! learns from the action applied and from planned ones, [`planning`] predicts rewards with the filter's own model
 //! and the channel memory, [`mod@policy`] turns values into a choice, and [`hop`] brings both ends of the link there.
-//! [`Controller`] does all of it, once per cycle.
+//! [`Controller`] does all of it, once per cycle: one for all anchors, or one for each.
 
 pub mod hop;
 pub mod library;
@@ -13,10 +13,9 @@ pub mod reward;
 pub mod value;
 
 use crate::config::ControllerSettings;
-use crate::memory::channel::ChannelMemory;
 use hop::Hop;
-use library::{Action, Library};
-use planning::{Horizon, Outlook, Visible, plan};
+use library::Allowed;
+use planning::{Ahead, Horizon, Scene, Visible};
 use policy::{explore, planned_set, policy, settle};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -37,14 +36,14 @@ pub struct Outcome {
 #[derive(Clone, Debug)]
 pub struct Controller<const ACTIONS: usize> {
     settings: ControllerSettings,
-    library: Library<ACTIONS>,
+    allowed: Allowed<ACTIONS>,
     seed: u64,
     decisions: u32,
     values: ActionValues<ACTIONS>,
     policy: [f32; ACTIONS],
     /// The action held; the one chosen differs from it while another is tried.
     held: usize,
-    action: usize,
+    chosen: usize,
     /// Where choices are announced to the other end before they are used.
     hop: Option<Hop>,
     /// What the present action was planned to earn; `None` where it was not planned.
@@ -52,106 +51,128 @@ pub struct Controller<const ACTIONS: usize> {
 }
 
 impl<const ACTIONS: usize> Controller<ACTIONS> {
-    /// A controller that knows nothing yet and starts with the first action of its settings, which must be in the
-    /// library. All its randomness follows from `seed`.
-    pub fn new(settings: ControllerSettings, library: Library<ACTIONS>, seed: u64) -> Self {
+    /// A controller that knows nothing yet and starts with the first action of its settings, which must be allowed. All its
+    /// randomness follows from `seed`.
+    pub fn new(settings: ControllerSettings, allowed: Allowed<ACTIONS>, seed: u64) -> Self {
         let values = ActionValues::default();
-        let policy = policy(&values, library.len(), settings.choice.temperature_nat);
-        let action = settings.first_action;
-        let hop = settings.rendezvous.map(|rendezvous| Hop::new(action, rendezvous));
+        let policy = policy(&values, &allowed, settings.choice.temperature_nat);
+        let first = settings.first_action;
+        let hop = settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
         Self {
             settings,
+            allowed,
             seed,
             decisions: 0,
             policy,
             values,
-            held: action,
-            action,
+            held: first,
+            chosen: first,
             hop,
             planned_reward: None,
-            library,
         }
     }
 
-    /// Learns from a cycle, plans over a part of the library, and chooses; returns the action of the next cycle, which is
-    /// the one chosen, or the one announced before where choices are announced.
+    /// Learns from a cycle, plans over a part of the library, and chooses the action of the next cycle, which is the one
+    /// chosen, or the one announced before where choices are announced. `visible` are the sources received with it,
+    /// `given` is what the others will tell.
     pub fn decide<const ANCHORS: usize, const VAS: usize>(
         &mut self,
         outcome: &Outcome,
-        outlook: &Outlook,
+        scene: &Scene<'_, ANCHORS, VAS, ACTIONS>,
         visible: impl Iterator<Item = Visible> + Clone,
-        memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
-    ) -> usize {
-        self.choose(outcome, outlook, visible, memory);
+        given: &Ahead,
+    ) {
+        self.choose(outcome, scene, visible, given);
         if let Some(hop) = &mut self.hop {
-            if outcome.heard { hop.decide(self.action) } else { hop.miss() }
+            if outcome.heard { hop.decide(self.chosen) } else { hop.miss() }
         }
-        self.action_index()
     }
 
     fn choose<const ANCHORS: usize, const VAS: usize>(
         &mut self,
         outcome: &Outcome,
-        outlook: &Outlook,
+        scene: &Scene<'_, ANCHORS, VAS, ACTIONS>,
         visible: impl Iterator<Item = Visible> + Clone,
-        memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
+        given: &Ahead,
     ) {
         let settings = self.settings;
-        let count = self.library.len();
         // One generator per decision, from seed and number: randomness is no state to save.
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(
             self.seed ^ u64::from(self.decisions).wrapping_mul(0x9e37_79b9_7f4a_7c15),
         );
         self.decisions = self.decisions.wrapping_add(1);
         if let (Some(earned), Some(planned)) = (outcome.earned, self.planned_reward)
-            && outcome.applied == self.action
+            && outcome.applied == self.chosen
         {
-            self.values.correct(self.action, earned - planned, &settings.learning);
+            self.values.correct(self.chosen, earned - planned, &settings.learning);
         }
-        self.policy = policy(&self.values, count, settings.choice.temperature_nat);
-        if settings.planned_actions == 0 || count < 2 {
+        self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
+        let alternatives = self.allowed.iter().filter(|allowed| **allowed).count();
+        if settings.planned_actions == 0 || alternatives < 2 {
             return;
         }
-        let keep = [self.held, self.values.best(count)];
-        let planned = planned_set(&self.policy, count, settings.planned_actions, keep, &mut rng);
-        let horizon = Horizon {
-            steps: settings.horizon,
-            discount: settings.learning.discount,
-            reward: settings.reward,
-        };
-        let rewards = plan(&planned, &horizon, outlook, visible, memory, &self.library);
+        let keep = [self.held, self.values.best(&self.allowed)];
+        let planned = planned_set(&self.policy, &self.allowed, settings.planned_actions, keep, &mut rng);
+        let rewards = scene.plan(&planned, visible, given);
         let reward = |action: usize| rewards.get(action).copied().unwrap_or(0.0);
         let present = reward(self.held);
         for (action, _) in planned.iter().enumerate().filter(|(_, wanted)| **wanted) {
             self.values.learn(action, reward(action) - present, &self.policy, &settings.learning);
         }
-        self.policy = policy(&self.values, count, settings.choice.temperature_nat);
-        self.held = settle(&self.values, count, self.held, &settings.choice);
+        self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
+        self.held = settle(&self.values, &self.allowed, self.held, &settings.choice);
         self.values.relate_to(self.held);
-        self.action = explore(&self.policy, count, &settings.choice, &mut rng).unwrap_or(self.held);
+        self.chosen = explore(&self.policy, &self.allowed, &settings.choice, &mut rng).unwrap_or(self.held);
         // Exploration may take an action that was not planned.
-        let known = planned.get(self.action).copied().unwrap_or(false);
-        self.planned_reward = known.then(|| reward(self.action));
+        let known = planned.get(self.chosen).copied().unwrap_or(false);
+        self.planned_reward = known.then(|| reward(self.chosen));
     }
 
-    /// The library.
-    pub fn library(&self) -> &Library<ACTIONS> {
-        &self.library
+    /// How far and for what it plans.
+    pub fn horizon(&self) -> Horizon {
+        let ControllerSettings { horizon, reward, learning, .. } = self.settings;
+        Horizon { steps: horizon, discount: learning.discount, reward }
+    }
+
+    /// Forbids every action but these. One that is in use gives way to the first that is left; where none is, or the
+    /// rendezvous is not among them, nothing changes and the answer is false.
+    pub fn restrict(&mut self, actions: &[usize]) -> bool {
+        let mut left = self.allowed;
+        for (action, allowed) in left.iter_mut().enumerate() {
+            *allowed &= actions.contains(&action);
+        }
+        let is_left = |action: usize| left.get(action).copied().unwrap_or(false);
+        let Some(first) = left.iter().position(|allowed| *allowed) else { return false };
+        if self.settings.rendezvous.is_some_and(|rendezvous| !is_left(rendezvous)) {
+            return false;
+        }
+        if !is_left(self.held) || !is_left(self.chosen) || !is_left(self.action_index()) {
+            (self.held, self.chosen, self.planned_reward) = (first, first, None);
+            self.hop = self.settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
+        }
+        self.allowed = left;
+        self.policy = policy(&self.values, &self.allowed, self.settings.choice.temperature_nat);
+        true
+    }
+
+    /// The actions it may choose.
+    pub fn allowed(&self) -> &Allowed<ACTIONS> {
+        &self.allowed
+    }
+
+    /// Index of the action held, which the next frames use unless another is tried or announced.
+    pub fn held(&self) -> usize {
+        self.held
     }
 
     /// Index of the action that the next frames use.
     pub fn action_index(&self) -> usize {
-        self.hop.map_or(self.action, |hop| hop.present())
+        self.hop.map_or(self.chosen, |hop| hop.present())
     }
 
     /// Index of the action that the next frame announces for the one after it; `None` where nothing is announced.
     pub fn announced(&self) -> Option<usize> {
         self.hop.map(|hop| hop.announced())
-    }
-
-    /// The action that the next frames use; `None` only where the first one configured is not in the library.
-    pub fn action(&self) -> Option<&Action> {
-        self.library.get(self.action_index())
     }
 
     /// What the action chosen was planned to earn; `None` where it was not planned.
@@ -162,7 +183,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     /// Every whole number of the state, for traces: the actions held, chosen, in use and announced, and the frames lost in a
     /// row, these last two 0 where nothing is announced.
     pub fn words(&self) -> [u32; 5] {
-        let (held, chosen) = (self.held as u32, self.action as u32);
+        let (held, chosen) = (self.held as u32, self.chosen as u32);
         match &self.hop {
             Some(hop) => [held, chosen, hop.present() as u32, hop.announced() as u32, hop.lost()],
             None => [held, chosen, chosen, 0, 0],
@@ -177,5 +198,27 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     /// The policy: probabilities of the actions.
     pub fn policy(&self) -> &[f32; ACTIONS] {
         &self.policy
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+
+    #[test]
+    fn what_is_forbidden_gives_way_and_is_never_chosen_again() {
+        let settings =
+            ControllerSettings { rendezvous: Some(1), first_action: 3, ..Config::default().controller };
+        let mut controller = Controller::new(settings, [true, true, true, true, false], 1);
+        assert!(!controller.restrict(&[]) && !controller.restrict(&[4]) && !controller.restrict(&[0, 2]));
+        assert_eq!((controller.held(), controller.allowed()), (3, &[true, true, true, true, false]));
+        assert!(controller.restrict(&[1, 2, 3, 4]));
+        assert_eq!(controller.held(), 3);
+        assert!(controller.restrict(&[2, 1]));
+        assert_eq!((controller.held(), controller.action_index(), controller.announced()), (1, 1, Some(1)));
+        assert_eq!(controller.allowed(), &[false, true, true, false, false]);
+        let [zero, half, other, three, four] = *controller.policy();
+        assert!(zero + three + four == 0.0 && (half + other - 1.0).abs() < 1e-6);
     }
 }

@@ -5,6 +5,8 @@
 //! memory at that action, times the probability that the path is found at all. Geometry does not depend on the action:
 //! it is computed once for a batch of them.
 //! The same action is held over the horizon; its rewards are discounted by gamma^(l-1) and normalised.
+//!
+//! Where every anchor has an action of its own, one anchor's is planned at a time, and the others' paths are given.
 
 use super::library::Library;
 use super::reward::{Reward, reward};
@@ -77,89 +79,152 @@ pub struct Horizon {
     pub reward: Reward,
 }
 
-/// Discounted, normalised rewards of the actions in `planned`; zero for the others.
-pub fn plan<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
-    planned: &[bool; ACTIONS],
-    horizon: &Horizon,
-    outlook: &Outlook,
-    visible: impl Iterator<Item = Visible> + Clone,
-    memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
-    library: &Library<ACTIONS>,
-) -> [f32; ACTIONS] {
-    let mut rewards = [0.0; ACTIONS];
-    let mut batch: Vec<usize, BATCH> = Vec::new();
-    for (action, _) in planned.iter().enumerate().filter(|(_, wanted)| **wanted) {
-        // Never full here: the push succeeds.
-        let _ = batch.push(action);
-        if batch.is_full() {
-            plan_batch(&batch, horizon, outlook, visible.clone(), memory, library, &mut rewards);
-            batch.clear();
-        }
-    }
-    plan_batch(&batch, horizon, outlook, visible, memory, library, &mut rewards);
-    rewards
+/// Information about the position in each of the next cycles.
+pub type Ahead = [PositionInformation; LONGEST_HORIZON];
+
+/// What holds for all actions planned.
+#[derive(Clone, Copy)]
+pub struct Scene<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> {
+    horizon: Horizon,
+    outlook: &'a Outlook,
+    threshold_root: f32,
+    memory: &'a ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    library: &'a Library<ACTIONS>,
 }
 
-#[inline(never)]
-fn plan_batch<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
-    batch: &Vec<usize, BATCH>,
-    horizon: &Horizon,
-    outlook: &Outlook,
-    visible: impl Iterator<Item = Visible>,
-    memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
-    library: &Library<ACTIONS>,
-    rewards: &mut [f32; ACTIONS],
-) {
-    // Range variances at SINR 1, which SINR then divides.
-    let mut unit_variances = [0.0; BATCH];
-    for (unit, &action) in unit_variances.iter_mut().zip(batch) {
-        if let Some(entry) = library.get(action) {
-            let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: outlook.pulse_shape };
-            *unit = outlook.variance_inflation * pulse.range_variance_m2(1.0);
-        }
+/// What a path tells at one action, whatever the geometry.
+struct Audible {
+    /// Visibility x SINR.
+    found: f32,
+    /// 1 / P_d.
+    odds: f32,
+    /// Variance of a range at SINR 1, square metres.
+    unit_m2: f32,
+    sinr: f32,
+}
+
+impl Audible {
+    /// A path tells something only if it is found: P_d / (unit / SINR + rest), 1/m^2.
+    fn weight(&self, view: &View) -> f32 {
+        self.found / (self.odds * (self.unit_m2 + view.rest_m2 * self.sinr))
     }
-    let threshold_root = sqrt(larger(outlook.threshold, 0.0));
-    let mut information = [[PositionInformation::default(); BATCH]; LONGEST_HORIZON];
-    for sight in visible {
-        let visibility = memory.visibility(sight.source);
-        let views = views(&sight, horizon.steps, outlook);
-        for (place, (&action, unit)) in batch.iter().zip(&unit_variances).enumerate() {
-            let root = exp(0.5 * memory.sinr_ln(sight.source, action));
-            let sinr = root * root;
-            // A path tells something only if it is found: P_d / (unit / SINR + rest).
-            let found = visibility * sinr;
-            let odds = 1.0 + missed_odds(root, threshold_root);
-            for (sums, view) in information.iter_mut().zip(&views) {
-                if let Some(sum) = sums.get_mut(place) {
-                    sum.add_weighted(view.slope, found / (odds * (unit + view.rest_m2 * sinr)));
+}
+
+impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a, ANCHORS, VAS, ACTIONS> {
+    /// Looks that far from there, by what the memory knows of these actions.
+    pub fn new(
+        horizon: Horizon,
+        outlook: &'a Outlook,
+        memory: &'a ChannelMemory<ANCHORS, VAS, ACTIONS>,
+        library: &'a Library<ACTIONS>,
+    ) -> Self {
+        let threshold_root = sqrt(larger(outlook.threshold, 0.0));
+        Self { horizon, outlook, threshold_root, memory, library }
+    }
+
+    /// Discounted, normalised rewards of the actions in `planned`, each for all of `visible`; zero for the others. `given`
+    /// is what is learned whichever is taken.
+    pub fn plan(
+        &self,
+        planned: &[bool; ACTIONS],
+        visible: impl Iterator<Item = Visible> + Clone,
+        given: &Ahead,
+    ) -> [f32; ACTIONS] {
+        let mut rewards = [0.0; ACTIONS];
+        let mut batch: Vec<usize, BATCH> = Vec::new();
+        for (action, _) in planned.iter().enumerate().filter(|(_, wanted)| **wanted) {
+            // Never full here: the push succeeds.
+            let _ = batch.push(action);
+            if batch.is_full() {
+                self.plan_batch(&batch, visible.clone(), given, &mut rewards);
+                batch.clear();
+            }
+        }
+        self.plan_batch(&batch, visible, given, &mut rewards);
+        rewards
+    }
+
+    /// What each of these sources will tell with its action.
+    pub fn expect(&self, sources: impl Iterator<Item = (Visible, usize)>) -> Ahead {
+        let mut ahead = [PositionInformation::default(); LONGEST_HORIZON];
+        for (sight, action) in sources {
+            let audible = self.audible(&sight, action, self.unit_variance_m2(action));
+            for (sum, view) in ahead.iter_mut().zip(&self.views(&sight)) {
+                sum.add_weighted(view.slope, audible.weight(view));
+            }
+        }
+        ahead
+    }
+
+    #[inline(never)]
+    fn plan_batch(
+        &self,
+        batch: &Vec<usize, BATCH>,
+        visible: impl Iterator<Item = Visible>,
+        given: &Ahead,
+        rewards: &mut [f32; ACTIONS],
+    ) {
+        let mut unit_variances_m2 = [0.0; BATCH];
+        for (unit, &action) in unit_variances_m2.iter_mut().zip(batch) {
+            *unit = self.unit_variance_m2(action);
+        }
+        let mut information = given.map(|sum| [sum; BATCH]);
+        for sight in visible {
+            let views = self.views(&sight);
+            for (place, (&action, &unit_m2)) in batch.iter().zip(&unit_variances_m2).enumerate() {
+                let audible = self.audible(&sight, action, unit_m2);
+                for (sums, view) in information.iter_mut().zip(&views) {
+                    if let Some(sum) = sums.get_mut(place) {
+                        sum.add_weighted(view.slope, audible.weight(view));
+                    }
                 }
             }
         }
-    }
-    for (place, &action) in batch.iter().enumerate() {
-        let sums = information.iter().filter_map(|sums| sums.get(place)).take(horizon.steps);
-        if let Some(reward) = rewards.get_mut(action) {
-            *reward = discounted(sums, horizon, outlook);
+        for (place, &action) in batch.iter().enumerate() {
+            let sums = information.iter().filter_map(|sums| sums.get(place)).take(self.horizon.steps);
+            if let Some(reward) = rewards.get_mut(action) {
+                *reward = discounted(sums, &self.horizon, self.outlook);
+            }
         }
     }
-}
 
-/// How a source will be seen in each of the next `steps` cycles.
-fn views(sight: &Visible, steps: usize, outlook: &Outlook) -> Vec<View, LONGEST_HORIZON> {
-    let floor_m2 = outlook.range_floor_m * outlook.range_floor_m;
-    let ([x, y], [vx, vy]) = (outlook.position_m, outlook.velocity_m_s);
-    let [ax, ay] = sight.position_m;
-    let c = &sight.covariance_m2;
-    let mut views = Vec::new();
-    for step in 1..=steps.min(LONGEST_HORIZON) {
-        let ahead_s = step as f32 * outlook.elapsed_s;
-        let slope = range_slope([x + ahead_s * vx - ax, y + ahead_s * vy - ay], sight.height_m);
-        let [ux, uy] = slope;
-        let map_m2 = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
-        // As many as the horizon is long: the push succeeds.
-        let _ = views.push(View { slope, rest_m2: floor_m2 + map_m2 });
+    /// Variance of a range at SINR 1, which SINR then divides.
+    fn unit_variance_m2(&self, action: usize) -> f32 {
+        self.library.get(action).map_or(0.0, |entry| {
+            let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: self.outlook.pulse_shape };
+            self.outlook.variance_inflation * pulse.range_variance_m2(1.0)
+        })
     }
-    views
+
+    fn audible(&self, sight: &Visible, action: usize, unit_m2: f32) -> Audible {
+        let root = exp(0.5 * self.memory.sinr_ln(sight.source, action));
+        let sinr = root * root;
+        Audible {
+            found: self.memory.visibility(sight.source) * sinr,
+            odds: 1.0 + missed_odds(root, self.threshold_root),
+            unit_m2,
+            sinr,
+        }
+    }
+
+    /// How a source will be seen in each of the cycles to the horizon.
+    fn views(&self, sight: &Visible) -> Vec<View, LONGEST_HORIZON> {
+        let outlook = self.outlook;
+        let floor_m2 = outlook.range_floor_m * outlook.range_floor_m;
+        let ([x, y], [vx, vy]) = (outlook.position_m, outlook.velocity_m_s);
+        let [ax, ay] = sight.position_m;
+        let c = &sight.covariance_m2;
+        let mut views = Vec::new();
+        for step in 1..=self.horizon.steps.min(LONGEST_HORIZON) {
+            let ahead_s = step as f32 * outlook.elapsed_s;
+            let slope = range_slope([x + ahead_s * vx - ax, y + ahead_s * vy - ay], sight.height_m);
+            let [ux, uy] = slope;
+            let map_m2 = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
+            // As many as the horizon is long: the push succeeds.
+            let _ = views.push(View { slope, rest_m2: floor_m2 + map_m2 });
+        }
+        views
+    }
 }
 
 /// Mean reward of a covariance that gets this information step by step, discounted by gamma^(l-1).

@@ -3,6 +3,7 @@
 //! The published recursion pi <- pi exp(dJ / tau) telescopes to softmax(J / tau), which is computed directly:
 //! nothing accumulates and no action's probability dies. A floor of 1e-3 / |C| keeps every action alive.
 
+use super::library::Allowed;
 use super::value::ActionValues;
 use crate::real::{exp, larger, ln};
 use rand_core::Rng;
@@ -19,28 +20,31 @@ pub struct Choice {
     pub hysteresis_nat: f32,
 }
 
-/// pi = softmax(J / tau) with a floor, over the first `count` actions; zero for the rest.
+/// pi = softmax(J / tau) with a floor, over the actions allowed; zero for the rest.
 pub fn policy<const ACTIONS: usize>(
     values: &ActionValues<ACTIONS>,
-    count: usize,
+    allowed: &Allowed<ACTIONS>,
     temperature: f32,
 ) -> [f32; ACTIONS] {
-    let mut most = f32::NEG_INFINITY;
-    for &value in values.values().iter().take(count) {
-        most = larger(value, most);
-    }
+    let most = values.get(values.best(allowed));
     let mut probabilities = [0.0; ACTIONS];
-    let mut sum = 0.0;
-    for (p, value) in probabilities.iter_mut().zip(values.values()).take(count) {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for ((p, value), _) in probabilities.iter_mut().zip(values.values()).zip(allowed).filter(is_allowed) {
         *p = exp((value - most) / temperature);
         sum += *p;
+        count += 1.0;
     }
-    let floor = 1e-3 / larger(count as f32, 1.0);
+    let floor = 1e-3 / larger(count, 1.0);
     let scale = (1.0 - 1e-3) / larger(sum, 1e-30);
-    for p in probabilities.iter_mut().take(count) {
+    for (p, _) in probabilities.iter_mut().zip(allowed).filter(is_allowed) {
         *p = *p * scale + floor;
     }
     probabilities
+}
+
+/// Whether the second of a pair says so.
+fn is_allowed<T>((_, allowed): &(T, &bool)) -> bool {
+    **allowed
 }
 
 /// A uniform number in (0, 1].
@@ -53,13 +57,14 @@ pub fn uniform(rng: &mut impl Rng) -> f32 {
 /// Exponential race: the smallest -ln(u) / pi win, which has the distribution of successive draws.
 pub fn planned_set<const ACTIONS: usize>(
     policy: &[f32; ACTIONS],
-    count: usize,
+    allowed: &Allowed<ACTIONS>,
     wanted: usize,
     keep: [usize; 2],
     rng: &mut impl Rng,
 ) -> [bool; ACTIONS] {
     let mut arrival = [f32::INFINITY; ACTIONS];
-    for (action, (time, &p)) in arrival.iter_mut().zip(policy).enumerate().take(count) {
+    let draws = arrival.iter_mut().zip(policy).enumerate().zip(allowed).filter(is_allowed);
+    for ((action, (time, &p)), _) in draws {
         *time = -ln(uniform(rng)) / larger(p, 1e-30);
         if keep.contains(&action) {
             *time = -1.0;
@@ -87,18 +92,18 @@ pub fn planned_set<const ACTIONS: usize>(
 /// The action to hold: the best one, but the present one where that is not worth enough more.
 pub fn settle<const ACTIONS: usize>(
     values: &ActionValues<ACTIONS>,
-    count: usize,
+    allowed: &Allowed<ACTIONS>,
     present: usize,
     choice: &Choice,
 ) -> usize {
-    let best = values.best(count);
+    let best = values.best(allowed);
     if values.get(best) > values.get(present) + choice.hysteresis_nat { best } else { present }
 }
 
 /// With probability epsilon, an action to try for one cycle, drawn from the policy.
 pub fn explore<const ACTIONS: usize>(
     policy: &[f32; ACTIONS],
-    count: usize,
+    allowed: &Allowed<ACTIONS>,
     choice: &Choice,
     rng: &mut impl Rng,
 ) -> Option<usize> {
@@ -106,7 +111,7 @@ pub fn explore<const ACTIONS: usize>(
         return None;
     }
     let mut left = uniform(rng);
-    for (action, &p) in policy.iter().enumerate().take(count) {
+    for ((action, &p), _) in policy.iter().enumerate().zip(allowed).filter(is_allowed) {
         left -= p;
         if left <= 0.0 {
             return Some(action);
@@ -128,7 +133,8 @@ mod tests {
     fn the_policy_sums_to_one_and_no_action_dies() {
         let mut values = ActionValues::<8>::default();
         values.learn(3, 500.0, &[0.125; 8], &LEARNING);
-        let pi = policy(&values, 6, 0.1);
+        let allowed = [true, true, true, true, true, true, false, false];
+        let pi = policy(&values, &allowed, 0.1);
         assert!((pi.iter().sum::<f32>() - 1.0).abs() < 1e-6);
         assert!(pi[..6].iter().all(|&p| p > 1e-4) && pi[6] == 0.0 && pi[3] > 0.99);
     }
@@ -137,10 +143,10 @@ mod tests {
     fn the_planned_set_has_the_size_asked_for_and_keeps_the_incumbents() {
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(7);
         let values = ActionValues::<40>::default();
-        let pi = policy(&values, 40, 0.1);
+        let pi = policy(&values, &[true; 40], 0.1);
         let mut drawn = [0_u32; 40];
         for _ in 0..4000 {
-            let set = planned_set(&pi, 40, 20, [5, 9], &mut rng);
+            let set = planned_set(&pi, &[true; 40], 20, [5, 9], &mut rng);
             assert!(set[5] && set[9] && set.iter().filter(|&&b| b).count() == 20);
             set.iter().zip(&mut drawn).for_each(|(&b, n)| *n += u32::from(b));
         }
@@ -156,16 +162,17 @@ mod tests {
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(7);
         let mut values = ActionValues::<4>::default();
         values.learn(2, 0.04, &[0.25; 4], &LEARNING);
-        let pi = policy(&values, 4, 0.1);
+        let all = [true; 4];
+        let pi = policy(&values, &all, 0.1);
         let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05 };
-        assert_eq!(settle(&values, 4, 0, &still), 0);
-        assert_eq!(explore(&pi, 4, &still, &mut rng), None);
+        assert_eq!(settle(&values, &all, 0, &still), 0);
+        assert_eq!(explore(&pi, &all, &still, &mut rng), None);
         let keen = Choice { hysteresis_nat: 0.0, ..still };
-        assert_eq!(settle(&values, 4, 0, &keen), 2);
+        assert_eq!(settle(&values, &all, 0, &keen), 2);
         let curious = Choice { exploration: 1.0, ..still };
         let mut seen = [false; 4];
         for _ in 0..200 {
-            if let Some(action) = explore(&pi, 4, &curious, &mut rng) {
+            if let Some(action) = explore(&pi, &all, &curious, &mut rng) {
                 seen[action] = true;
             }
         }

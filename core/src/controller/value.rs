@@ -4,6 +4,8 @@
 //! would compare an action planned today with one planned long ago. So J is kept relative to the present action, whose
 //! value is near 0; softmax and choice, which see differences only, are the published ones.
 
+use super::library::Allowed;
+
 /// Learning parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -73,11 +75,11 @@ impl<const ACTIONS: usize> ActionValues<ACTIONS> {
         }
     }
 
-    /// The action of largest value among the first `count`; the first of equals.
-    pub fn best(&self, count: usize) -> usize {
+    /// The action of largest value among those allowed; the first of equals.
+    pub fn best(&self, allowed: &Allowed<ACTIONS>) -> usize {
         let mut best = (0, f32::NEG_INFINITY);
-        for (action, &value) in self.values.iter().enumerate().take(count) {
-            if value > best.1 {
+        for ((action, &value), &allowed) in self.values.iter().enumerate().zip(allowed) {
+            if allowed && value > best.1 {
                 best = (action, value);
             }
         }

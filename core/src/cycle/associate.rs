@@ -138,7 +138,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     #[inline(never)]
     fn overlap(&self, scan: &Scan<PATHS>, expected: &mut Expected<VAS>) {
         let Expected { direct, direct_path, virtual_anchors, expectations } = expected;
-        let Some(action) = self.controller.library().get(scan.action) else { return };
+        let Some(action) = self.library.get(scan.action) else { return };
         if !scan.framed {
             return;
         }

@@ -60,7 +60,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// How far apart two paths of a scan must be to be told apart, metres; 0 where the scan has ranges alone.
     fn resolution_m(&self, scan: &Scan<PATHS>) -> f32 {
-        match self.controller.library().get(scan.action) {
+        match self.library.get(scan.action) {
             Some(action) if scan.framed => action.pulse_duration_s * SPEED_OF_LIGHT_M_S,
             _ => 0.0,
         }

@@ -9,12 +9,12 @@ mod receive;
 mod remember;
 mod update;
 
+use self::act::Covariances;
 use self::receive::build_estimator;
 use crate::anchor::{Anchor, MappedVirtualAnchor};
 use crate::config::Config;
 use crate::controller::Controller;
 use crate::controller::library::{Action, Library};
-use crate::controller::value::ActionValues;
 use crate::error::{Error, Setting};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::environment::EnvironmentMemory;
@@ -48,7 +48,9 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     /// While it is not known where the tag is.
     acquisition: Option<Acquisition<ANCHORS>>,
     loss: LossMonitor,
-    controller: Controller<ACTIONS>,
+    library: Library<ACTIONS>,
+    /// One for each anchor, or one for all.
+    controllers: Vec<Controller<ACTIONS>, ANCHORS>,
     /// Mean number of measurements per scan that belong to nothing known.
     unexplained: [f32; ANCHORS],
     last_sequence: [Option<u32>; ANCHORS],
@@ -106,6 +108,13 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             filter.insert_independent(slot, mapped.position_m, std_m);
             environment.insert(slot, mapped.anchor, 0.9, 0);
         }
+        let mut controllers = Vec::new();
+        let own = if config.controller.per_anchor { checked.len() } else { 1 };
+        for index in 0..own {
+            let seed = seed ^ (index as u64).wrapping_mul(0xd1b5_4a32_d192_ed03);
+            // No more than anchors: the push succeeds.
+            let _ = controllers.push(Controller::new(config.controller, library.all(), seed));
+        }
         let pulse = Pulse { duration_s: first.pulse_duration_s, shape: config.radio.pulse_shape };
         let association = &config.association;
         let unexplained = association.clutter_per_anchor + association.unmapped_per_anchor;
@@ -121,7 +130,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             discovery: Discovery::default(),
             acquisition: Some(Acquisition::new(start, speed * speed)),
             loss: LossMonitor::default(),
-            controller: Controller::new(config.controller, library, seed),
+            library,
+            controllers,
             unexplained: [unexplained; ANCHORS],
             last_sequence: [None; ANCHORS],
         })
@@ -208,12 +218,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let posterior = self.filter.agent_covariance();
 
         observer.stage(Stage::Act);
-        // The reward belongs to the action received with, which need not be the one that was asked for.
-        let framed = heard.iter().find(|associated| associated.scan.framed);
-        let applied = framed.map_or(self.controller.action_index(), |associated| associated.scan.action);
-        report.action = applied;
-        let received = (elapsed_s, !scans.is_empty());
-        self.act(&previous, &predicted, &posterior, received, tag_height_m, &mut report);
+        let covariances = Covariances { previous, predicted, posterior };
+        self.act(&covariances, elapsed_s, tag_height_m, &scans, &mut report);
 
         self.finish(observations);
         observer.stage(Stage::Done);
@@ -240,7 +246,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     fn blank_report(&self) -> CycleReport {
-        let next = self.controller.action().copied();
+        let action = self.next_action(0);
+        let next = self.library.get(action).copied();
         CycleReport {
             cycle: self.cycle,
             position_m: [0.0, 0.0],
@@ -258,9 +265,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             discovered: 0,
             forgotten: 0,
             map_full: 0,
-            action: self.controller.action_index(),
-            next_action: self.controller.action_index(),
-            announced_action: self.controller.announced(),
+            action,
+            next_action: action,
+            announced_action: None,
             next: next.unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
         }
     }
@@ -303,16 +310,6 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.acquisition.as_ref()
     }
 
-    /// Action values and policy.
-    pub fn controller(&self) -> (&ActionValues<ACTIONS>, &[f32; ACTIONS]) {
-        (self.controller.values(), self.controller.policy())
-    }
-
-    /// What is held, chosen, in use and announced: see [`Controller::words`].
-    pub fn choice_words(&self) -> [u32; 5] {
-        self.controller.words()
-    }
-
     /// Mean number of measurements per scan of each anchor that nothing known explains.
     pub fn unexplained(&self) -> &[f32; ANCHORS] {
         &self.unexplained
@@ -330,7 +327,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// The action library.
     pub fn library(&self) -> &Library<ACTIONS> {
-        self.controller.library()
+        &self.library
     }
 
     /// Threshold on the normalised energy of a path, of the pulse last used.
@@ -338,16 +335,13 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.estimator.threshold()
     }
 
-    /// The action that the next frames should use.
-    pub fn action(&self) -> Option<&Action> {
-        self.controller.action()
-    }
-
     /// 64-bit hash over all state: equal hashes after the same inputs mean equal bits.
     pub fn hash(&self) -> u64 {
         let mut hash = TraceHash::default();
         hash.word(self.cycle);
-        self.controller.words().into_iter().for_each(|word| hash.word(word));
+        for controller in &self.controllers {
+            controller.words().into_iter().for_each(|word| hash.word(word));
+        }
         self.filter.visit(|v| hash.float(v));
         for (slot, record) in self.environment.iter() {
             hash.word(slot as u32);
@@ -363,9 +357,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             acquisition.visit(|v| hash.float(v));
         }
         self.loss.visit(|v| hash.float(v));
-        let (values, policy) = (self.controller.values().values(), self.controller.policy());
-        values.iter().chain(policy).for_each(|v| hash.float(*v));
-        hash.float(self.controller.planned_reward().unwrap_or(0.0));
+        for controller in &self.controllers {
+            let (values, policy) = (controller.values().values(), controller.policy());
+            values.iter().chain(policy).for_each(|v| hash.float(*v));
+            hash.float(controller.planned_reward().unwrap_or(0.0));
+        }
         self.unexplained.iter().for_each(|v| hash.float(*v));
         for last in self.last_sequence {
             hash.word(u32::from(last.is_some()));

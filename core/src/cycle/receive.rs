@@ -118,7 +118,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             }
             match observation {
                 Observation::Frame(frame) => {
-                    if self.controller.library().get(frame.action).is_none() {
+                    if self.library.get(frame.action).is_none() {
                         return Err(Error::UnknownAction { action: frame.action });
                     }
                     if let (Some(sequence), Some(Some(last))) =
@@ -145,7 +145,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         for anchor in 0..self.anchors.len() {
             let mut scan = Scan {
                 anchor,
-                action: self.controller.action_index(),
+                action: self.next_action(anchor),
                 measurements: Vec::new(),
                 framed: false,
                 threshold: 0.0,
@@ -201,7 +201,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         into: &mut Scan<PATHS>,
         observer: &mut impl Observer<VAS, PATHS>,
     ) {
-        let Some(action) = self.controller.library().get(frame.action) else { return };
+        let Some(action) = self.library.get(frame.action) else { return };
         let pulse = Pulse { duration_s: action.pulse_duration_s, shape: self.config.radio.pulse_shape };
         if pulse != self.estimator_pulse {
             self.estimator = build_estimator(&self.config, pulse);

@@ -47,7 +47,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// Existence, and in frames SINR and visibility, of every feature of a scan.
     fn remember_features(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
         let scan = associated.scan;
-        let shares = scan.framed.then(|| self.channel.shares(scan.action, self.controller.library()));
+        let shares = scan.framed.then(|| self.channel.shares(scan.action, &self.library));
         for (regression, belief) in associated.features() {
             if let Source::Virtual { slot, .. } = regression.source {
                 let detection = self.detection(regression.source, scan, Some(regression.range_m));
@@ -66,7 +66,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         if !scan.framed {
             return;
         }
-        let shares = self.channel.shares(scan.action, self.controller.library());
+        let shares = self.channel.shares(scan.action, &self.library);
         for (regression, _) in associated.features() {
             let Regression { source, range_m, .. } = *regression;
             if let Some(level) = scan.level(range_m)

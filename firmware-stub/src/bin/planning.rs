@@ -9,8 +9,9 @@ use cogmint_board::Once;
 use cogmint_board::host::{self, File, Line};
 use cogmint_board::meter::{StackMeter, instructions};
 use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
-use cogmint_core::controller::planning::{Horizon, Outlook, Visible, plan};
+use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Outlook, Scene, Visible};
 use cogmint_core::controller::reward::Reward;
+use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::ChannelMemory;
 use cogmint_core::perceptor::state_filter::Source;
 use cogmint_core::pulse::PulseShape;
@@ -54,6 +55,7 @@ fn run(slot: &mut MaybeUninit<Memory>) -> Option<()> {
     if !feed.read(&mut magic) || magic != MAGIC {
         return None;
     }
+    let outlook = outlook(&mut feed)?;
     let library = Library::<ACTIONS>::new(&LIBRARY_WIDE).ok()?;
     let memory = slot.write(Memory::new(10.0, true, &library));
     let mut visible: Vec<Visible, SOURCES> = Vec::new();
@@ -75,7 +77,7 @@ fn run(slot: &mut MaybeUninit<Memory>) -> Option<()> {
     }
     for steps in HORIZONS {
         let stack = StackMeter::paint();
-        let (count, hash) = measure(steps, &visible, memory, &library);
+        let (count, hash) = measure(steps, &outlook, &visible, memory, &library);
         let deepest = stack.used();
         let mut line = Line::new();
         line.text(b"horizon ").decimal(steps as u32).text(b" hash ").hex(hash);
@@ -85,33 +87,45 @@ fn run(slot: &mut MaybeUninit<Memory>) -> Option<()> {
     Some(())
 }
 
+fn outlook(feed: &mut File) -> Option<Outlook> {
+    let mut floats = [0.0; 14];
+    for place in &mut floats {
+        *place = float(feed)?;
+    }
+    let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_std_m_s2, ..] = floats;
+    let [.., variance_inflation, range_floor_m, roll_off, threshold] = floats;
+    Some(Outlook {
+        position_m: [x, y],
+        velocity_m_s: [u, v],
+        covariance: Matrix4::new(
+            xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, 0.0, uu, 0.0, 0.0, 0.0, 0.0, vv,
+        ),
+        elapsed_s,
+        acceleration_std_m_s2,
+        variance_inflation,
+        range_floor_m,
+        pulse_shape: PulseShape::RootRaisedCosine { roll_off },
+        threshold,
+    })
+}
+
 /// One plan: its instructions, and the hash over its rewards. Its own stack frame, so that all scratch lies below the
 /// painter.
 #[inline(never)]
 fn measure(
     steps: usize,
+    outlook: &Outlook,
     visible: &Vec<Visible, SOURCES>,
     memory: &Memory,
     library: &Library<ACTIONS>,
 ) -> (u32, u64) {
-    let outlook = Outlook {
-        position_m: [3.0, 6.0],
-        velocity_m_s: [0.3, -0.1],
-        covariance: Matrix4::new(
-            4e-4, 0.0, 0.0, 0.0, 0.0, 4e-4, 0.0, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 1e-3,
-        ),
-        elapsed_s: 0.1,
-        acceleration_std_m_s2: 0.3,
-        variance_inflation: 1.44,
-        range_floor_m: 2e-3,
-        pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
-        threshold: 6.3,
-    };
     let mut planned = [false; ACTIONS];
     planned.iter_mut().step_by(2).for_each(|wanted| *wanted = true);
     let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };
-    let (count, rewards) =
-        instructions(|| plan(&planned, &horizon, &outlook, visible.iter().copied(), memory, library));
+    let given = [PositionInformation::default(); LONGEST_HORIZON];
+    let (count, rewards) = instructions(|| {
+        Scene::new(horizon, outlook, memory, library).plan(&planned, visible.iter().copied(), &given)
+    });
     let mut hash = TraceHash::default();
     rewards.iter().for_each(|reward| hash.float(*reward));
     (count, hash.value())

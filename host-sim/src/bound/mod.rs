@@ -74,29 +74,25 @@ pub fn cycle_information(channel: &Channel, cycle: usize, action: usize) -> Info
     sum
 }
 
-/// Information about the position in a cycle, per action, where a path of a SINR is found with the probability
+/// Information about the position in one anchor's frame, per action, where a path of a SINR is found with the probability
 /// `found(action, sinr)`: its SINR counts as that share of itself.
 pub fn information_found(
     channel: &Channel,
     cycle: usize,
+    anchor: usize,
     found: impl Fn(usize, f64) -> f64,
 ) -> Vec<Information> {
-    let actions = channel.receiver().actions.len();
-    let mut sums = vec![[0.0; 3]; actions];
-    for anchor in 0..channel.scenario().anchors.len() {
-        let paths = channel.paths(cycle, anchor);
-        for (action, sum) in sums.iter_mut().enumerate() {
-            let mut components = channel.components_of(&paths, cycle, anchor, action);
-            for component in &mut components {
-                component.sinr *= found(action, component.sinr);
-            }
-            let directions: Vec<[f64; 2]> =
-                components.iter().map(|component| direction(channel, cycle, anchor, component)).collect();
-            let own = information(channel.pulse(action), &components, &directions);
-            (0..3).for_each(|n| sum[n] += own[n]);
+    let paths = channel.paths(cycle, anchor);
+    let of_action = |action| {
+        let mut components = channel.components_of(&paths, cycle, anchor, action);
+        for component in &mut components {
+            component.sinr *= found(action, component.sinr);
         }
-    }
-    sums
+        let directions: Vec<[f64; 2]> =
+            components.iter().map(|component| direction(channel, cycle, anchor, component)).collect();
+        information(channel.pulse(action), &components, &directions)
+    };
+    (0..channel.receiver().actions.len()).map(of_action).collect()
 }
 
 /// Information about the position in one anchor's frame.

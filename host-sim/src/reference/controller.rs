@@ -12,12 +12,14 @@ use super::information::{PositionInformation, determinant, position_entropy_nat,
 use super::pulse::Pulse;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square};
 use super::state_filter::predict_agent;
+use cogmint_core::config::ControllerSettings;
 use cogmint_core::controller::library::Action;
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::controller::value::Learning;
 use cogmint_core::perceptor::state_filter::Source;
 use cogmint_core::pulse::PulseShape;
-use rand_core::Rng;
+use rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro128PlusPlus;
 
 /// Overlap of two raised-cosine spectra of roll-off 0.6 and unit width, at distances 0, 0.05, ..., 1.6.
 const OVERLAP: [f32; 33] = [
@@ -127,10 +129,10 @@ pub fn learn<T: Real>(values: &mut [T], action: usize, reward: T, policy: &[T], 
     values[action] = (T::ONE - rate) * values[action] + rate * target;
 }
 
-/// The first of the best among the first `count` actions.
-pub fn best<T: Real>(values: &[T], count: usize) -> usize {
-    let mut best = 0;
-    for c in 0..count {
+/// The first of the best actions allowed.
+pub fn best<T: Real>(values: &[T], allowed: &[usize]) -> usize {
+    let mut best = allowed[0];
+    for &c in allowed {
         if values[c] > values[best] {
             best = c;
         }
@@ -138,19 +140,19 @@ pub fn best<T: Real>(values: &[T], count: usize) -> usize {
     best
 }
 
-/// pi = softmax(J / tau) with a floor; zero beyond `count`.
-pub fn policy<T: Real>(values: &[T], count: usize, temperature: T) -> Vec<T> {
+/// pi = softmax(J / tau) with a floor; zero for what is not allowed.
+pub fn policy<T: Real>(values: &[T], allowed: &[usize], temperature: T) -> Vec<T> {
     let num = T::of;
-    let most = values[best(values, count)];
+    let most = values[best(values, allowed)];
     let mut probabilities = vec![T::ZERO; values.len()];
     let mut sum = T::ZERO;
-    for c in 0..count {
+    for &c in allowed {
         probabilities[c] = exp((values[c] - most) / temperature);
         sum += probabilities[c];
     }
-    let floor = num(1e-3) / larger(T::of_count(count), T::ONE);
+    let floor = num(1e-3) / larger(T::of_count(allowed.len()), T::ONE);
     let scale = (T::ONE - num(1e-3)) / larger(sum, num(1e-30));
-    for c in 0..count {
+    for &c in allowed {
         probabilities[c] = probabilities[c] * scale + floor;
     }
     probabilities
@@ -164,36 +166,36 @@ pub fn uniform<T: Real>(rng: &mut impl Rng) -> T {
 /// `wanted` actions drawn from the policy without replacement, those in `keep` first: the smallest -ln(u) / pi win.
 pub fn planned_set<T: Real>(
     policy: &[T],
-    count: usize,
+    allowed: &[usize],
     wanted: usize,
     keep: [usize; 2],
     rng: &mut impl Rng,
-) -> Vec<bool> {
-    let mut arrival = Vec::new();
-    for c in 0..count {
+) -> Vec<usize> {
+    let mut arrivals = Vec::new();
+    for &c in allowed {
         // Order: an action that is kept draws its number all the same.
         let time = -ln(uniform::<T>(rng)) / larger(policy[c], T::of(1e-30));
-        arrival.push(if keep.contains(&c) { T::of(-1.0) } else { time });
+        arrivals.push((c, if keep.contains(&c) { T::of(-1.0) } else { time }));
     }
-    let mut chosen = vec![false; policy.len()];
+    let mut chosen = Vec::new();
     // Both actions to keep fit in any case.
-    for _ in 0..wanted.max(keep.len()) {
-        let mut earliest: Option<usize> = None;
-        for c in 0..count {
-            if !chosen[c] && earliest.is_none_or(|e| arrival[c] < arrival[e]) {
-                earliest = Some(c);
+    while chosen.len() < wanted.max(keep.len()) && !arrivals.is_empty() {
+        let mut earliest = 0;
+        for place in 1..arrivals.len() {
+            if arrivals[place].1 < arrivals[earliest].1 {
+                earliest = place;
             }
         }
-        let Some(earliest) = earliest else { break };
-        chosen[earliest] = true;
+        chosen.push(arrivals.remove(earliest).0);
     }
+    chosen.sort_unstable();
     chosen
 }
 
 /// An action drawn from the policy; none where rounding leaves a rest.
-pub fn draw<T: Real>(policy: &[T], count: usize, rng: &mut impl Rng) -> Option<usize> {
+pub fn draw<T: Real>(policy: &[T], allowed: &[usize], rng: &mut impl Rng) -> Option<usize> {
     let mut left = uniform::<T>(rng);
-    (0..count).find(|&c| {
+    allowed.iter().copied().find(|&c| {
         left -= policy[c];
         left <= T::ZERO
     })
@@ -246,50 +248,215 @@ pub struct Horizon {
     pub reward: Reward,
 }
 
-/// What holding one action over the horizon would earn: the discounted mean of its rewards.
-///
-/// At step l the tag is expected at p + l dt v; every visible source adds the information of one range, of the variance
-/// that its remembered SINR allows plus its own uncertainty along the line of sight.
-pub fn plan_one<T: Real>(
-    action: usize,
-    horizon: &Horizon,
-    outlook: &Outlook<T>,
-    visible: &[Visible<T>],
-    memory: &ChannelMemory<T>,
-    library: &Library<T>,
-) -> T {
-    let num = T::of;
-    let pulse = library.pulse(action, &outlook.pulse_shape);
-    // Order: the variance at SINR 1, inflated, divided by the SINR.
-    let unit = outlook.variance_inflation * pulse.range_variance_m2(T::ONE);
-    let floor = square(outlook.range_floor_m);
-    let mut covariance = outlook.covariance.clone();
-    let mut total = T::ZERO;
-    let mut weight = T::ONE;
-    let mut weights = T::ZERO;
-    for step in 1..=horizon.steps {
-        let ahead_s = T::of_count(step) * outlook.elapsed_s;
-        let x = outlook.position_m[0] + ahead_s * outlook.velocity_m_s[0];
-        let y = outlook.position_m[1] + ahead_s * outlook.velocity_m_s[1];
-        let mut information = PositionInformation::none();
-        for source in visible {
-            let slope = range_slope([x - source.position_m[0], y - source.position_m[1]], source.height_m);
-            let [ux, uy] = slope;
-            let c = &source.covariance_m2;
-            let map = square(ux) * c[0][0] + num(2.0) * (ux * uy) * c[1][0] + square(uy) * c[1][1];
-            // P_d / (unit / SINR + rest), with one division.
-            let root = exp(num(0.5) * memory.sinr_ln(source.source, action));
-            let sinr = square(root);
-            let found = memory.visibility(source.source) * sinr;
-            let odds = T::ONE + missed_odds(root, sqrt(larger(outlook.threshold, T::ZERO)));
-            information.add_weighted(slope, found / (odds * (unit + (floor + map) * sinr)));
+/// What a choice depends on.
+pub struct Prospect<'a, T> {
+    /// Where the tag is.
+    pub outlook: &'a Outlook<T>,
+    /// The sources received with the action to choose.
+    pub own: Vec<Visible<T>>,
+    /// All others, with the action each is received with.
+    pub others: Vec<(Visible<T>, usize)>,
+    /// How well sources are heard.
+    pub memory: &'a ChannelMemory<T>,
+    /// The actions.
+    pub library: &'a Library<T>,
+}
+
+impl<T: Real> Prospect<'_, T> {
+    /// What holding one action over the horizon would earn: the discounted mean of its rewards.
+    ///
+    /// At step l the tag is expected at p + l dt v; every visible source adds the information of one range, of the
+    /// variance that its remembered SINR allows plus its own uncertainty along the line of sight.
+    fn plan_one(&self, action: usize, horizon: &Horizon) -> T {
+        let outlook = self.outlook;
+        let mut covariance = outlook.covariance.clone();
+        let mut total = T::ZERO;
+        let mut weight = T::ONE;
+        let mut weights = T::ZERO;
+        for step in 1..=horizon.steps {
+            let ahead_s = T::of_count(step) * outlook.elapsed_s;
+            let place_m = [0, 1].map(|i| outlook.position_m[i] + ahead_s * outlook.velocity_m_s[i]);
+            let mut information = PositionInformation::none();
+            for (source, theirs) in &self.others {
+                self.tell(&mut information, source, *theirs, place_m);
+            }
+            for source in &self.own {
+                self.tell(&mut information, source, action, place_m);
+            }
+            let predicted =
+                predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
+            let posterior = information.posterior(&predicted);
+            total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
+            weights += weight;
+            weight *= T::of(horizon.discount);
+            covariance = posterior;
         }
-        let predicted = predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
-        let posterior = information.posterior(&predicted);
-        total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
-        weights += weight;
-        weight *= T::of(horizon.discount);
-        covariance = posterior;
+        total / larger(weights, T::of(1e-6))
     }
-    total / larger(weights, num(1e-6))
+
+    /// Adds what a source tells with an action, seen from `place_m`.
+    fn tell(
+        &self,
+        information: &mut PositionInformation<T>,
+        source: &Visible<T>,
+        action: usize,
+        [x, y]: [T; 2],
+    ) {
+        let (outlook, memory) = (self.outlook, self.memory);
+        let pulse = self.library.pulse(action, &outlook.pulse_shape);
+        // Order: the variance at SINR 1, inflated, divided by the SINR.
+        let unit = outlook.variance_inflation * pulse.range_variance_m2(T::ONE);
+        let slope = range_slope([x - source.position_m[0], y - source.position_m[1]], source.height_m);
+        let [ux, uy] = slope;
+        let c = &source.covariance_m2;
+        let map = square(ux) * c[0][0] + T::of(2.0) * (ux * uy) * c[1][0] + square(uy) * c[1][1];
+        // P_d / (unit / SINR + rest), with one division.
+        let root = exp(T::of(0.5) * memory.sinr_ln(source.source, action));
+        let sinr = square(root);
+        let found = memory.visibility(source.source) * sinr;
+        let odds = T::ONE + missed_odds(root, sqrt(larger(outlook.threshold, T::ZERO)));
+        let rest = square(outlook.range_floor_m) + map;
+        information.add_weighted(slope, found / (odds * (unit + rest * sinr)));
+    }
+}
+
+/// How a cycle went, for a controller.
+#[derive(Clone, Copy, Debug)]
+pub struct Outcome<T> {
+    /// The action received with.
+    pub applied: usize,
+    /// Its reward, where that says something of it.
+    pub earned: Option<T>,
+    /// Whether anything was received.
+    pub heard: bool,
+}
+
+/// The choice for one anchor, or for all.
+#[derive(Clone, Debug)]
+pub struct Controller<T> {
+    settings: ControllerSettings,
+    seed: u64,
+    allowed: Vec<usize>,
+    /// Action values J.
+    pub values: Vec<T>,
+    /// Policy pi.
+    pub policy: Vec<T>,
+    /// The action held.
+    pub held: usize,
+    /// The action chosen: the one held, or one that is tried.
+    pub chosen: usize,
+    /// What that was planned to earn; none where it was not planned.
+    pub planned_reward: Option<T>,
+    /// The present action.
+    pub action: usize,
+    /// The action that the next frame announces.
+    pub announced: usize,
+    /// Cycles in a row in which nothing was received.
+    pub silent_cycles: u32,
+}
+
+impl<T: Real> Controller<T> {
+    /// One that may choose any of the library's actions, and holds the first of its settings; `capacity` numbers are kept.
+    pub fn new(settings: ControllerSettings, library: &Library<T>, capacity: usize, seed: u64) -> Self {
+        let allowed: Vec<usize> = (0..library.len()).collect();
+        let values = vec![T::ZERO; capacity];
+        let first = settings.first_action;
+        Self {
+            settings,
+            seed,
+            policy: policy(&values, &allowed, T::of(settings.choice.temperature_nat)),
+            allowed,
+            values,
+            held: first,
+            chosen: first,
+            planned_reward: None,
+            action: first,
+            announced: first,
+            silent_cycles: 0,
+        }
+    }
+
+    /// Learns from cycle number `cycle` and chooses the action of the next.
+    pub fn decide(&mut self, cycle: u32, outcome: &Outcome<T>, prospect: &Prospect<'_, T>) {
+        self.choose(cycle, outcome, prospect);
+        self.agree(outcome.heard);
+    }
+
+    fn choose(&mut self, cycle: u32, outcome: &Outcome<T>, prospect: &Prospect<'_, T>) {
+        let settings = self.settings;
+        let temperature = T::of(settings.choice.temperature_nat);
+        // One generator per cycle, from seed and cycle number.
+        let mixed = self.seed ^ u64::from(cycle).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(mixed);
+
+        // The tag looked for, or nothing heard, or another action than chosen: nothing to learn from.
+        if let (Some(earned), Some(planned), true) =
+            (outcome.earned, self.planned_reward, outcome.applied == self.chosen)
+        {
+            self.values[self.chosen] += T::of(settings.learning.experience_rate) * (earned - planned);
+        }
+        self.policy = policy(&self.values, &self.allowed, temperature);
+        if settings.planned_actions == 0 || self.allowed.len() < 2 {
+            return;
+        }
+        let present = self.held;
+        let keep = [present, best(&self.values, &self.allowed)];
+        let planned = planned_set(&self.policy, &self.allowed, settings.planned_actions, keep, &mut rng);
+        let horizon = Horizon {
+            steps: settings.horizon,
+            discount: settings.learning.discount,
+            reward: settings.reward,
+        };
+        let mut rewards = vec![None; self.values.len()];
+        for &action in &planned {
+            rewards[action] = Some(prospect.plan_one(action, &horizon));
+        }
+        let standard = rewards[present].unwrap_or(T::ZERO);
+        for &action in &planned {
+            if let Some(worth) = rewards[action] {
+                learn(&mut self.values, action, worth - standard, &self.policy, &settings.learning);
+            }
+        }
+        self.policy = policy(&self.values, &self.allowed, temperature);
+        let best = best(&self.values, &self.allowed);
+        if self.values[best] > self.values[present] + T::of(settings.choice.hysteresis_nat) {
+            self.held = best;
+        }
+        let standard = self.values[self.held];
+        for value in &mut self.values {
+            *value -= standard;
+        }
+        let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
+        let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
+        self.chosen = tried.unwrap_or(self.held);
+        self.planned_reward = rewards[self.chosen];
+    }
+
+    /// The action that both ends use next: the one chosen, or where there is a rendezvous, the one announced a cycle ago.
+    fn agree(&mut self, received: bool) {
+        let Some(rendezvous) = self.settings.rendezvous else {
+            self.action = self.chosen;
+            return;
+        };
+        if received {
+            self.silent_cycles = 0;
+            self.action = self.announced;
+            self.announced = self.chosen;
+        } else {
+            self.silent_cycles = self.silent_cycles.saturating_add(1);
+            if self.silent_cycles >= 3 {
+                self.action = rendezvous;
+                self.announced = rendezvous;
+            }
+        }
+    }
+
+    /// The core's `Controller::words`: without a rendezvous nothing is announced and nobody counts.
+    pub fn words(&self) -> [u32; 5] {
+        let Self { held, chosen, action, announced, silent_cycles, .. } = self;
+        if self.settings.rendezvous.is_none() {
+            return [*held as u32, *chosen as u32, *chosen as u32, 0, 0];
+        }
+        [*held as u32, *chosen as u32, *action as u32, *announced as u32, *silent_cycles]
+    }
 }

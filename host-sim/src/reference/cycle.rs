@@ -6,9 +6,7 @@ use super::association::{
 };
 use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel};
 use super::channel_memory::ChannelMemory;
-use super::controller::{
-    Horizon, Library, Outlook, Visible, draw, learn, plan_one, planned_set, policy, reward, uniform,
-};
+use super::controller::{Controller, Library, Outcome, Outlook, Prospect, Visible, reward};
 use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::information::position_entropy_nat;
@@ -24,8 +22,6 @@ use cogmint_core::observation::{Frame, Observation, RangeScan};
 use cogmint_core::perceptor::association::Mode;
 use cogmint_core::perceptor::state_filter::Source;
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
-use rand_core::SeedableRng;
-use rand_xoshiro::Xoshiro128PlusPlus;
 
 /// Detection probability of a source that is hidden, and of a virtual anchor that is on the map but was never seen.
 const HIDDEN_DETECTION: f32 = 0.1;
@@ -126,7 +122,6 @@ pub struct Reference<T> {
     capacity: Capacity,
     anchors: Vec<Anchor>,
     library: Library<T>,
-    seed: u64,
     /// The estimator of each pulse met so far.
     estimators: Vec<(Pulse<T>, ChannelEstimator<T>)>,
     /// Threshold of the pulse last used.
@@ -146,22 +141,8 @@ pub struct Reference<T> {
     pub acquisition: Option<Acquisition<T>>,
     /// Whether it is where it is believed to be.
     pub loss: LossMonitor<T>,
-    /// Action values J.
-    pub values: Vec<T>,
-    /// Policy pi.
-    pub policy: Vec<T>,
-    /// The action held.
-    pub held: usize,
-    /// The action chosen: the one held, or one that is tried; and what it was planned to earn.
-    pub chosen: usize,
-    /// See `chosen`; none where it was not planned.
-    pub planned_reward: Option<T>,
-    /// The present action.
-    pub action: usize,
-    /// The action that the next frame announces.
-    pub announced: usize,
-    /// Cycles in a row in which nothing was received.
-    pub silent_cycles: u32,
+    /// One for each anchor, or one for all.
+    pub controllers: Vec<Controller<T>>,
     /// Mean number of measurements per scan of unknown origin, by anchor.
     pub unexplained: Vec<T>,
     /// Last frame counter seen, by anchor.
@@ -194,8 +175,6 @@ impl<T: Real> Reference<T> {
             filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(std_m));
             environment.insert(slot, map[slot].anchor, T::of(0.9), 0);
         }
-        let values = vec![T::ZERO; capacity.actions];
-        let policy = policy(&values, actions.len(), T::of(config.controller.choice.temperature_nat));
         let association = &config.association;
         let unexplained = T::of(association.clutter_per_anchor) + T::of(association.unmapped_per_anchor);
         let library = Library::new(actions);
@@ -205,12 +184,17 @@ impl<T: Real> Reference<T> {
             config.controller.neighbours,
             &library,
         );
+        let controller = |index: usize| {
+            let seed = seed ^ (index as u64).wrapping_mul(0xd1b5_4a32_d192_ed03);
+            Controller::new(config.controller, &library, capacity.actions, seed)
+        };
+        let choices = if config.controller.per_anchor { anchors.len() } else { 1 };
         let mut reference = Self {
             config,
+            controllers: (0..choices).map(controller).collect(),
             capacity,
             anchors: anchors.to_vec(),
             library,
-            seed,
             estimators: Vec::new(),
             threshold: T::ZERO,
             cycle: 0,
@@ -220,18 +204,11 @@ impl<T: Real> Reference<T> {
             discovery: Discovery::new(capacity.anchors),
             acquisition,
             loss: LossMonitor::new(),
-            values,
-            policy,
-            held: config.controller.first_action,
-            chosen: config.controller.first_action,
-            planned_reward: None,
-            action: config.controller.first_action,
-            announced: config.controller.first_action,
-            silent_cycles: 0,
             unexplained: vec![unexplained; capacity.anchors],
             last_sequence: vec![None; capacity.anchors],
         };
-        let first = reference.library.pulse(reference.action, &reference.config.radio.pulse_shape);
+        let first = config.controller.first_action;
+        let first = reference.library.pulse(first, &config.radio.pulse_shape);
         reference.threshold = reference.estimator(&first).threshold();
         reference
     }
@@ -289,16 +266,9 @@ impl<T: Real> Reference<T> {
                 self.remember_noise(associated);
             }
         }
-        // The action received with earns the reward.
-        for associated in &heard {
-            if associated.scan.framed {
-                report.action = associated.scan.action;
-                break;
-            }
-        }
         let posterior = self.filter.agent_covariance();
         let covariances = [&last.covariance, &predicted.covariance, &posterior];
-        self.act(covariances, (elapsed_s, !heard.is_empty()), &heights, &mut report);
+        self.act(covariances, elapsed_s, &heard, &heights, &mut report);
 
         for observation in observations {
             if let Observation::Frame(Frame { anchor, sequence: Some(sequence), .. }) = *observation {
@@ -333,7 +303,7 @@ impl<T: Real> Reference<T> {
             }
             let mut scan = Scan {
                 anchor,
-                action: self.action,
+                action: self.action(anchor),
                 measurements: Vec::new(),
                 framed: false,
                 threshold: T::ZERO,
@@ -892,64 +862,48 @@ impl<T: Real> Reference<T> {
     fn act(
         &mut self,
         [previous, predicted, posterior]: [&Matrix<T>; 3],
-        (elapsed_s, received): (T, bool),
+        elapsed_s: T,
+        heard: &[AssociatedScan<T>],
         heights: &[T],
         report: &mut Report<T>,
     ) {
-        let settings = self.config.controller;
-        let count = self.library.len();
-        let temperature = T::of(settings.choice.temperature_nat);
-        // One generator per cycle, from seed and cycle number.
-        let mixed = self.seed ^ u64::from(self.cycle).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let mut rng = Xoshiro128PlusPlus::seed_from_u64(mixed);
-
-        let earned = reward(settings.reward, previous, predicted, posterior);
-        // The tag looked for, or nothing heard, or another action than chosen: nothing to learn from.
-        let learns = received && !report.acquiring && report.action == self.chosen;
-        if let (true, Some(planned)) = (learns, self.planned_reward) {
-            self.values[self.chosen] += T::of(settings.learning.experience_rate) * (earned - planned);
-        }
-        self.policy = policy(&self.values, count, temperature);
-
-        if settings.planned_actions > 0 && count > 1 {
-            let present = self.held;
-            let keep = [present, super::controller::best(&self.values, count)];
-            let planned = planned_set(&self.policy, count, settings.planned_actions, keep, &mut rng);
-            let outlook = self.outlook(posterior, elapsed_s);
-            let visible = self.visible(heights);
-            let horizon = Horizon {
-                steps: settings.horizon,
-                discount: settings.learning.discount,
-                reward: settings.reward,
-            };
-            let mut rewards = vec![None; count];
-            for action in 0..count {
-                if planned[action] {
-                    let worth = plan_one(action, &horizon, &outlook, &visible, &self.channel, &self.library);
-                    rewards[action] = Some(worth);
+        let earned = reward(self.config.controller.reward, previous, predicted, posterior);
+        let outlook = self.outlook(posterior, elapsed_s);
+        let visible = self.visible(heights);
+        let common = self.controllers.len() == 1;
+        for index in 0..self.controllers.len() {
+            let mut outcome = Outcome { applied: self.controllers[index].action, earned: None, heard: false };
+            let mut framed = false;
+            for associated in heard {
+                if common || associated.scan.anchor == index {
+                    outcome.heard = true;
+                    // The action received with earns the reward: of the first, where frames differ.
+                    if associated.scan.framed && !framed {
+                        framed = true;
+                        outcome.applied = associated.scan.action;
+                    }
                 }
             }
-            let standard = rewards[present].unwrap_or(T::ZERO);
-            for action in 0..count {
-                if let Some(worth) = rewards[action] {
-                    learn(&mut self.values, action, worth - standard, &self.policy, &settings.learning);
+            if !report.acquiring && outcome.heard {
+                outcome.earned = Some(earned);
+            }
+            let mut own = Vec::new();
+            let mut others = Vec::new();
+            for source in &visible {
+                let anchor = source.source.anchor();
+                if common || anchor == index {
+                    own.push(*source);
+                } else {
+                    others.push((*source, self.controllers[anchor].held));
                 }
             }
-            self.policy = policy(&self.values, count, temperature);
-            let best = super::controller::best(&self.values, count);
-            if self.values[best] > self.values[present] + T::of(settings.choice.hysteresis_nat) {
-                self.held = best;
+            let prospect =
+                Prospect { outlook: &outlook, own, others, memory: &self.channel, library: &self.library };
+            self.controllers[index].decide(self.cycle, &outcome, &prospect);
+            if index == 0 {
+                report.action = outcome.applied;
             }
-            let standard = self.values[self.held];
-            for value in &mut self.values {
-                *value -= standard;
-            }
-            let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
-            let tried = if tries { draw(&self.policy, count, &mut rng) } else { None };
-            self.chosen = tried.unwrap_or(self.held);
-            self.planned_reward = rewards[self.chosen];
         }
-        self.agree(received);
 
         report.position_m = self.filter.position_m();
         // Order: the lower triangle's covariance, twice.
@@ -958,32 +912,13 @@ impl<T: Real> Reference<T> {
         report.predicted_entropy_nat = position_entropy_nat(predicted);
         report.entropy_nat = position_entropy_nat(posterior);
         report.reward = earned;
-        report.next_action = self.action;
-        report.next = self.library.actions[self.action];
+        report.next_action = self.action(0);
+        report.next = self.library.actions[report.next_action];
     }
 
-    /// The action to go to after three cycles without a frame, if there is one.
-    pub fn rendezvous(&self) -> Option<usize> {
-        self.config.controller.rendezvous
-    }
-
-    /// The action that both ends use next: the one chosen, or where there is a rendezvous, the one announced a cycle ago.
-    fn agree(&mut self, received: bool) {
-        let Some(rendezvous) = self.config.controller.rendezvous else {
-            self.action = self.chosen;
-            return;
-        };
-        if received {
-            self.silent_cycles = 0;
-            self.action = self.announced;
-            self.announced = self.chosen;
-        } else {
-            self.silent_cycles = self.silent_cycles.saturating_add(1);
-            if self.silent_cycles >= 3 {
-                self.action = rendezvous;
-                self.announced = rendezvous;
-            }
-        }
+    /// The action that an anchor's next frame should use.
+    fn action(&self, anchor: usize) -> usize {
+        self.controllers[if self.controllers.len() == 1 { 0 } else { anchor }].action
     }
 
     fn outlook(&self, posterior: &Matrix<T>, elapsed_s: T) -> Outlook<T> {
@@ -1042,9 +977,9 @@ impl<T: Real> Reference<T> {
             discovered: 0,
             forgotten: 0,
             map_full: 0,
-            action: self.action,
-            next_action: self.action,
-            next: self.library.actions[self.action],
+            action: self.action(0),
+            next_action: self.action(0),
+            next: self.library.actions[self.action(0)],
         }
     }
 }

@@ -117,7 +117,8 @@ impl Radio {
 mod tests {
     use super::*;
     use cogmint_core::controller::library::{
-        Action as CoreAction, LIBRARY_DW1000, LIBRARY_DW3000, LIBRARY_PUBLISHED, LIBRARY_WIDE,
+        Action as CoreAction, LIBRARY_DW1000, LIBRARY_DW3000, LIBRARY_HRP_EUROPE, LIBRARY_PUBLISHED,
+        LIBRARY_WIDE,
     };
 
     fn same(named: NamedLibrary, core: &[CoreAction]) {
@@ -135,6 +136,7 @@ mod tests {
         same(NamedLibrary::Wide, &LIBRARY_WIDE);
         same(NamedLibrary::Dw1000, &LIBRARY_DW1000);
         same(NamedLibrary::Dw3000, &LIBRARY_DW3000);
+        same(NamedLibrary::HrpEurope, &LIBRARY_HRP_EUROPE);
     }
 
     #[test]

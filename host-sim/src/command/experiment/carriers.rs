@@ -9,6 +9,7 @@ pub enum Carriers {
     Wide,
     Dw1000,
     Dw3000,
+    HrpEurope,
 }
 
 impl Carriers {
@@ -19,6 +20,7 @@ impl Carriers {
             Self::Wide => NamedLibrary::Wide,
             Self::Dw1000 => NamedLibrary::Dw1000,
             Self::Dw3000 => NamedLibrary::Dw3000,
+            Self::HrpEurope => NamedLibrary::HrpEurope,
         })
     }
 }

@@ -72,7 +72,7 @@ struct Drawn {
 /// All controllers, the core's changed ones last.
 pub(super) fn all() -> impl Iterator<Item = Controller> {
     let changed = (0..ABLATIONS.len()).map(Controller::Ablated);
-    Controller::ALL.into_iter().chain([Controller::FullBand]).chain(changed)
+    Controller::ALL.into_iter().chain([Controller::FullBand, Controller::GeniePerAnchor]).chain(changed)
 }
 
 fn names() -> PossibleValuesParser {

@@ -1,5 +1,6 @@
 //! Who chooses the next action: what all choosers see, and those that need no memory.
 
+use super::truth::Actions;
 use crate::channel::random::uniform;
 use crate::replay::{ACTIONS, PATHS, VAS};
 use cogmint_core::{CycleReport, Tracker};
@@ -22,8 +23,8 @@ pub struct Seen<'a, const A: usize> {
 
 /// Chooses the action of the next cycle.
 pub trait Choose<const A: usize>: Send + Sync {
-    /// An index below `seen.actions`.
-    fn next(&mut self, seen: &Seen<'_, A>) -> usize;
+    /// An index below `seen.actions` for all anchors, or one for each.
+    fn next(&mut self, seen: &Seen<'_, A>) -> Actions;
 
     /// Another one that would go on from here in the same way.
     fn again(&self) -> Box<dyn Choose<A>>;
@@ -34,8 +35,13 @@ pub trait Choose<const A: usize>: Send + Sync {
 pub struct OfTheCore;
 
 impl<const A: usize> Choose<A> for OfTheCore {
-    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
-        seen.report.next_action
+    fn next(&mut self, seen: &Seen<'_, A>) -> Actions {
+        let tracker = seen.tracker;
+        if !tracker.config().controller.per_anchor {
+            return vec![seen.report.next_action];
+        }
+        let anchors = 0..tracker.anchors().len();
+        anchors.filter_map(|anchor| Some(tracker.controller_of(anchor)?.action_index())).collect()
     }
 
     fn again(&self) -> Box<dyn Choose<A>> {
@@ -47,13 +53,13 @@ impl<const A: usize> Choose<A> for OfTheCore {
 #[derive(Clone)]
 pub struct Decided {
     /// Actions, cycle by cycle.
-    pub actions: Vec<usize>,
+    pub actions: Vec<Actions>,
 }
 
 impl<const A: usize> Choose<A> for Decided {
-    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+    fn next(&mut self, seen: &Seen<'_, A>) -> Actions {
         let next = seen.report.cycle as usize + 1;
-        self.actions.get(next).copied().unwrap_or(seen.report.action)
+        self.actions.get(next).cloned().unwrap_or(vec![seen.report.action])
     }
 
     fn again(&self) -> Box<dyn Choose<A>> {
@@ -75,8 +81,8 @@ impl Random {
 }
 
 impl<const A: usize> Choose<A> for Random {
-    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
-        (uniform(&mut self.rng) * seen.actions as f64) as usize
+    fn next(&mut self, seen: &Seen<'_, A>) -> Actions {
+        vec![(uniform(&mut self.rng) * seen.actions as f64) as usize]
     }
 
     fn again(&self) -> Box<dyn Choose<A>> {
@@ -104,7 +110,7 @@ impl Bandit {
 }
 
 impl<const A: usize> Choose<A> for Bandit {
-    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+    fn next(&mut self, seen: &Seen<'_, A>) -> Actions {
         for (count, sum) in &mut self.played {
             *count *= DISCOUNT;
             *sum *= DISCOUNT;
@@ -113,10 +119,10 @@ impl<const A: usize> Choose<A> for Bandit {
         *count += 1.0;
         *sum += f64::from(seen.report.reward);
         let all: f64 = self.played.iter().map(|(count, _)| count).sum();
-        best(self.played.iter().map(|(count, sum)| match count {
+        vec![best(self.played.iter().map(|(count, sum)| match count {
             0.0 => f64::INFINITY,
             count => sum / count + PADDING_NAT * (all.ln().max(0.0) / count).sqrt(),
-        }))
+        }))]
     }
 
     fn again(&self) -> Box<dyn Choose<A>> {

@@ -133,7 +133,7 @@ mod tests {
     fn run(controller: Controller, entropy_nat: impl Fn(usize) -> f64) -> Run {
         Run {
             controller,
-            actions: (0..20).map(|cycle| cycle / 10).collect(),
+            actions: (0..20).map(|cycle| vec![cycle / 10]).collect(),
             entropies_nat: (0..20).map(entropy_nat).collect(),
             score: Score::new(20, &[0.3, 0.4], 0.0),
         }

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
 use steered::{Steered, SteeredCycle};
-use truth::Truth;
+use truth::{Actions, Truth};
 use watched::{Decisions, Watched};
 
 /// A controller.
@@ -55,6 +55,8 @@ pub enum Controller {
     Ablated(usize),
     /// The action that tells most, by the simulator's own knowledge.
     Genie,
+    /// The same, with an action of its own for every anchor.
+    GeniePerAnchor,
 }
 
 impl Controller {
@@ -83,6 +85,7 @@ impl Controller {
             Self::FullBand => "full-band",
             Self::Ablated(index) => ABLATIONS.get(index).map_or("unknown", |(name, _)| name),
             Self::Genie => "genie",
+            Self::GeniePerAnchor => "genie-per-anchor",
         }
     }
 }
@@ -91,7 +94,7 @@ impl Controller {
 type Change = fn(&mut ControllerSettings);
 
 /// What the core's controller is tried without, or with instead.
-pub const ABLATIONS: [(&str, Change); 18] = [
+pub const ABLATIONS: [(&str, Change); 19] = [
     ("no-planning", |settings| {
         settings.planned_actions = 1;
         settings.learning.rate = 0.0;
@@ -114,6 +117,7 @@ pub const ABLATIONS: [(&str, Change); 18] = [
     ("no-experience", |settings| settings.learning.experience_rate = 0.0),
     ("experience-0.2", |settings| settings.learning.experience_rate = 0.2),
     ("bootstrap", |settings| settings.learning.bootstrap = true),
+    ("per-anchor", |settings| settings.per_anchor = true),
     ("announced", |settings| settings.rendezvous = Some(settings.first_action)),
 ];
 
@@ -123,7 +127,7 @@ pub struct Run {
     /// Which controller.
     pub controller: Controller,
     /// The actions used, cycle by cycle.
-    pub actions: Vec<usize>,
+    pub actions: Vec<Actions>,
     /// Entropy of the position after each cycle by the yardstick, nats.
     pub entropies_nat: Vec<f64>,
     /// How well the tag was tracked.
@@ -237,17 +241,20 @@ fn steer<const A: usize>(
     controller: Controller,
     mut decisions: Option<&mut Decisions>,
 ) -> Result<Run, InputError> {
-    let genie = if controller == Controller::Genie { truth.genie() } else { Vec::new() };
+    let genie = match controller {
+        Controller::Genie => truth.genie(),
+        Controller::GeniePerAnchor => truth.genie_per_anchor(),
+        _ => Vec::new(),
+    };
     let mut steered = Steered::<A>::new(simulator, setup, controller, &genie)?;
     let (mut actions, mut errors_m, mut seconds) = (Vec::new(), Vec::new(), 0.0);
     for cycle in 0..simulator.cycles() {
-        let SteeredCycle { action, step, error_m } = steered.cycle(simulator, cycle)?;
+        let SteeredCycle { actions: used, step, error_m } = steered.cycle(simulator, cycle)?;
         errors_m.push(error_m);
         seconds += step.seconds;
-        actions.push(action);
-        if let Some(decisions) = &mut decisions {
-            let (values, policy) = steered.tracker.controller();
-            decisions.push(values.values(), policy, setup.actions.len());
+        actions.push(used);
+        if let (Some(decisions), Some(controller)) = (&mut decisions, steered.tracker.controller_of(0)) {
+            decisions.push(controller.values().values(), controller.policy(), setup.actions.len());
         }
     }
     Ok(Run {
@@ -268,16 +275,19 @@ mod tests {
         let simulator = demo::seminar_room(1, 40).expect("is built in");
         let setup = set_up(&simulator).expect("is taken");
         let truth = Truth::new(&simulator, &setup);
-        let mean = |actions: &[usize]| {
+        let mean = |actions: &[Actions]| {
             let entropies = truth.entropies_nat(actions);
             entropies.iter().sum::<f64>() / entropies.len() as f64
         };
         let genie = truth.genie();
         assert_eq!(genie.len(), truth.cycles());
         for action in 0..setup.actions.len() {
-            let held = mean(&vec![action; truth.cycles()]);
+            let held = mean(&vec![vec![action]; truth.cycles()]);
             assert!(mean(&genie) < held + 1e-9, "action {action}: {held}");
         }
+        let apart = truth.genie_per_anchor();
+        assert!(apart.iter().all(|actions| actions.len() == setup.anchors.len()));
+        assert!(mean(&apart) <= mean(&genie) + 1e-9);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! Written apart from the core's planning, in f64: an independent account of the same prediction.
 
 use super::choice::{Choose, Seen, best};
+use super::truth::Actions;
 use crate::bound::posterior::Posterior;
 use crate::channel::random::normal;
 use cogmint_core::memory::environment::CONFIRMED;
@@ -58,7 +59,7 @@ impl OnMemory {
 }
 
 impl<const A: usize> Choose<A> for OnMemory {
-    fn next(&mut self, seen: &Seen<'_, A>) -> usize {
+    fn next(&mut self, seen: &Seen<'_, A>) -> Actions {
         let tracker = seen.tracker;
         let config = tracker.config();
         let filter = tracker.filter();
@@ -109,11 +110,11 @@ impl<const A: usize> Choose<A> for OnMemory {
                 sum[2] += weight * gy * gy;
             }
         }
-        best(informations.iter().map(|information| {
+        vec![best(informations.iter().map(|information| {
             let mut after = predicted;
             after.update(*information);
             -after.position_entropy_nat()
-        }))
+        }))]
     }
 
     fn again(&self) -> Box<dyn Choose<A>> {

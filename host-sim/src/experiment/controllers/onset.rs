@@ -7,6 +7,7 @@
 //! A controller that is somewhere else already has nothing to answer. So the runs count in which it was hit; where none
 //! was, all do, and the answer is at once if it is as good as the genie there.
 
+use super::truth::Actions;
 use super::{Comparison, Controller, Run};
 use crate::channel::Channel;
 use crate::scenario::Interference;
@@ -44,7 +45,7 @@ pub struct Answer {
 }
 
 /// The onsets in a channel, one per cycle in which any interferer begins; `entropies_nat` follows given actions.
-pub fn onsets(channel: &Channel, entropies_nat: impl Fn(&[usize]) -> Vec<f64>) -> Vec<Onset> {
+pub fn onsets(channel: &Channel, entropies_nat: impl Fn(&[Actions]) -> Vec<f64>) -> Vec<Onset> {
     let mut interferers: Vec<(Range<usize>, &Interference)> = channel
         .scenario()
         .interference
@@ -66,7 +67,7 @@ pub fn onsets(channel: &Channel, entropies_nat: impl Fn(&[usize]) -> Vec<f64>) -
             cycle: cycles.start,
             until: begins.get(index + 1).copied().unwrap_or(end),
             hits: distances_hz.iter().map(|distance_hz| *distance_hz <= half_band_hz).collect(),
-            held_nat: entropies_nat(&vec![nearest.unwrap_or(0); channel.poses().len()]),
+            held_nat: entropies_nat(&vec![vec![nearest.unwrap_or(0)]; channel.poses().len()]),
         }
     };
     interferers.iter().enumerate().map(onset).collect()
@@ -92,7 +93,7 @@ fn answer(controller: Controller, index: usize, comparisons: &[Comparison]) -> O
     let cycle = all.first()?.0.cycle;
     let is_hit = |(onset, own, _): &&(&Onset, &Run, &Run)| {
         let in_use = own.actions.get(onset.cycle.saturating_sub(1));
-        in_use.and_then(|&action| onset.hits.get(action)).is_some_and(|hit| *hit)
+        in_use.is_some_and(|actions| actions.iter().any(|&action| onset.hits.get(action) == Some(&true)))
     };
     let hit: Vec<(&Onset, &Run, &Run)> = all.iter().filter(is_hit).copied().collect();
     let runs_hit = hit.len();
@@ -128,7 +129,7 @@ mod tests {
     fn run(controller: Controller, action: usize, entropy_nat: impl Fn(usize) -> f64) -> Run {
         Run {
             controller,
-            actions: vec![action; 40],
+            actions: vec![vec![action]; 40],
             entropies_nat: (0..40).map(entropy_nat).collect(),
             score: Score::default(),
         }
@@ -190,7 +191,7 @@ mod tests {
         let cycles: Vec<_> = scenario.interference.iter().map(|one| channel.cycles_of(one.during)).collect();
         assert_eq!(cycles, [350..550, 550..750]);
         // What is held is told by its number.
-        let found = onsets(&channel, |actions| vec![actions[0] as f64]);
+        let found = onsets(&channel, |actions| vec![actions[0][0] as f64]);
         let places: Vec<_> = found.iter().map(|onset| (onset.cycle, onset.until)).collect();
         assert_eq!(places, [(350, 550), (550, 750)]);
         let carrier_hz = |onset: &Onset| channel.receiver().actions[onset.held_nat[0] as usize].carrier_hz;

@@ -70,7 +70,7 @@ fn carriers(scenario: &str, first: &Comparison, watched: &Watched) -> BlockFigur
     let mut series = Vec::new();
     for controller in CARRIERS {
         let Some(run) = first.of(controller) else { continue };
-        let carriers: Vec<f64> = run.actions.iter().map(|&action| ghz(action)).collect();
+        let carriers: Vec<f64> = run.actions.iter().map(|actions| ghz(actions[0])).collect();
         let line = |points, faint| Series { label: controller.name().into(), points, faint };
         let points = held(&carriers);
         // A pale line from level to level leads the eye to those held for a moment.
@@ -186,7 +186,7 @@ fn over_actions(first: &Comparison, run: &Run, watched: &Watched, thought: &[Vec
     });
     // The first cycle's action is given, all others were chosen.
     let chosen = run.actions.get(1..).unwrap_or(&[]);
-    let chosen: Vec<f64> = chosen.iter().map(|&action| rows.place(action)).collect();
+    let chosen: Vec<f64> = chosen.iter().map(|actions| rows.place(actions[0])).collect();
     let points = marked(&held(&chosen), MOMENT * chosen.len() as f64, 1.0);
     // The first look is that of the fixed carrier.
     let chosen = Series { label: "chosen".into(), points, faint: false };
@@ -350,8 +350,8 @@ mod tests {
             let run = first.of(controller).expect("is compared");
             let mut lines = figure.lines.series.iter().filter(|line| line.label == controller.name());
             let line = lines.rfind(|line| !line.faint).expect("is drawn");
-            for (cycle, action) in run.actions.iter().enumerate() {
-                assert!((level(line, cycle) - 5.0 - 0.1 * *action as f64).abs() < 1e-9, "{cycle}");
+            for (cycle, actions) in run.actions.iter().enumerate() {
+                assert!((level(line, cycle) - 5.0 - 0.1 * actions[0] as f64).abs() < 1e-9, "{cycle}");
             }
         }
 
@@ -377,7 +377,7 @@ mod tests {
         }
         for cycle in 1..CYCLES {
             // The value of the action chosen is what all others are relative to; rows count upwards.
-            assert_eq!(values.values[run.actions[cycle]][cycle - 1], 0.0, "{cycle}");
+            assert_eq!(values.values[run.actions[cycle][0]][cycle - 1], 0.0, "{cycle}");
             let sum: f64 = policies.values.iter().map(|row| row[cycle - 1]).sum();
             assert!((sum - 1.0).abs() < 1e-5, "{sum}");
         }

@@ -2,6 +2,7 @@
 
 use super::choice::{Bandit, Choose, Decided, OfTheCore, Random, Seen};
 use super::on_memory::{OnMemory, Reading};
+use super::truth::{Actions, action_of};
 use super::{ABLATIONS, Controller, full_band};
 use crate::input_error::InputError;
 use crate::recording::Recording;
@@ -18,8 +19,8 @@ pub struct Steered<const A: usize> {
     /// The tracker.
     pub tracker: Tracker<A, VAS, PATHS, ACTIONS>,
     chooser: Box<dyn Choose<A>>,
-    /// The action of the next cycle.
-    action: usize,
+    /// The actions of the next cycle.
+    next: Actions,
     /// Number of actions there are.
     actions: usize,
     /// Whether it is told the SINR of every carrier.
@@ -33,7 +34,7 @@ impl<const A: usize> Clone for Steered<A> {
         Self {
             tracker: self.tracker.clone(),
             chooser: self.chooser.again(),
-            action: self.action,
+            next: self.next.clone(),
             actions: self.actions,
             full_band: self.full_band,
             before: self.before.clone(),
@@ -44,8 +45,8 @@ impl<const A: usize> Clone for Steered<A> {
 /// A cycle of a steered tracker.
 #[derive(Clone, Debug)]
 pub struct SteeredCycle {
-    /// The action it was received with.
-    pub action: usize,
+    /// The actions it was received with.
+    pub actions: Actions,
     /// What the tracker made of it.
     pub step: Step,
     /// Distance from the true position, metres.
@@ -61,7 +62,7 @@ impl<const A: usize> Steered<A> {
         simulator: &Simulator,
         setup: &Setup,
         controller: Controller,
-        genie: &[usize],
+        genie: &[Actions],
     ) -> Result<Self, InputError> {
         let actions = setup.actions.len();
         let mut setup = setup.clone();
@@ -83,13 +84,13 @@ impl<const A: usize> Steered<A> {
             Controller::Greedy => Box::new(OnMemory::new(Reading::Guess)),
             Controller::Ucb => Box::new(OnMemory::new(Reading::Optimist)),
             Controller::Thompson => Box::new(OnMemory::new(Reading::sample(setup.seed))),
-            Controller::Genie => Box::new(Decided { actions: genie.to_vec() }),
+            Controller::Genie | Controller::GeniePerAnchor => Box::new(Decided { actions: genie.to_vec() }),
         };
         let tracker = setup.tracker::<A>().map_err(|error| refused(simulator, error))?;
         let first = simulator.channel().receiver().first_action;
-        let action = genie.first().copied().unwrap_or(first);
+        let next = genie.first().cloned().unwrap_or(vec![first]);
         let full_band = controller == Controller::FullBand;
-        Ok(Self { tracker, chooser, action, actions, full_band, before: simulator.before() })
+        Ok(Self { tracker, chooser, next, actions, full_band, before: simulator.before() })
     }
 
     /// Receives a cycle and chooses the action of the next; cycles must be taken in order, from the first.
@@ -99,24 +100,24 @@ impl<const A: usize> Steered<A> {
     pub fn cycle(&mut self, simulator: &Simulator, cycle: usize) -> Result<SteeredCycle, InputError> {
         let channel = simulator.channel();
         let poses = channel.poses();
-        let action = self.action;
         if self.full_band {
             full_band::tell(&mut self.tracker, channel, cycle).map_err(|error| refused(simulator, error))?;
         }
-        let received = simulator.cycle(cycle, action);
+        let received = simulator.cycle_with(cycle, |anchor| action_of(&self.next, anchor));
         let previous_s = cycle.checked_sub(1).map(|previous| poses[previous].time_s);
         let step = step(&mut self.tracker, &input(&self.before, &received, previous_s), &mut ())
             .map_err(|error| refused(simulator, error))?;
         let ([x, y], [u, v]) = (poses[cycle].position_m, step.report.position_m);
         let next = poses.get(cycle + 1);
-        self.action = self.chooser.next(&Seen {
+        let chosen = self.chooser.next(&Seen {
             tracker: &self.tracker,
             report: &step.report,
             actions: self.actions,
             elapsed_s: next.map_or(AFTER_THE_LAST_S, |next| next.time_s - poses[cycle].time_s),
             tag_height_m: channel.tag_height_m(cycle),
         });
-        Ok(SteeredCycle { action, step, error_m: (x - f64::from(u)).hypot(y - f64::from(v)) })
+        let actions = std::mem::replace(&mut self.next, chosen);
+        Ok(SteeredCycle { actions, step, error_m: (x - f64::from(u)).hypot(y - f64::from(v)) })
     }
 }
 

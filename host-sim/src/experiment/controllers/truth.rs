@@ -15,10 +15,18 @@ use cogmint_core::pulse::Pulse;
 
 use rayon::prelude::*;
 
-/// Information about the position, per cycle and action.
+/// The actions of a cycle: one for all anchors, or one for each.
+pub type Actions = Vec<usize>;
+
+/// The action that an anchor gets.
+pub fn action_of(actions: &[usize], anchor: usize) -> usize {
+    actions[if actions.len() == 1 { 0 } else { anchor }]
+}
+
+/// Information about the position, per cycle, anchor and action.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    informations: Vec<Vec<Information>>,
+    informations: Vec<Vec<Vec<Information>>>,
     elapsed_s: Vec<f64>,
     acceleration_std_m_s2: f64,
     start: Posterior,
@@ -49,7 +57,8 @@ impl Truth {
                 let found = |action: usize, sinr: f64| {
                     f64::from(detection_probability(sinr as f32, thresholds[action]))
                 };
-                information_found(channel, cycle, found)
+                let anchors = 0..channel.scenario().anchors.len();
+                anchors.map(|anchor| information_found(channel, cycle, anchor, found)).collect()
             })
             .collect();
         let start = &setup.config.start;
@@ -71,37 +80,81 @@ impl Truth {
         self.informations.len()
     }
 
+    /// Information about the position in a cycle with these actions.
+    fn information(&self, cycle: usize, actions: &[usize]) -> Information {
+        let mut sum = [0.0; 3];
+        for (anchor, informations) in self.informations[cycle].iter().enumerate() {
+            let own = informations[action_of(actions, anchor)];
+            (0..3).for_each(|n| sum[n] += own[n]);
+        }
+        sum
+    }
+
     /// Entropy of the position after each cycle, nats, given the actions.
-    pub fn entropies_nat(&self, actions: &[usize]) -> Vec<f64> {
+    pub fn entropies_nat(&self, actions: &[Actions]) -> Vec<f64> {
         let mut posterior = self.start;
-        let mut entropy = |(cycle, &action): (usize, &usize)| {
+        let mut entropy = |(cycle, actions): (usize, &Actions)| {
             posterior.predict(self.elapsed_s[cycle], self.acceleration_std_m_s2);
-            posterior.update(self.informations[cycle][action]);
+            posterior.update(self.information(cycle, actions));
             posterior.position_entropy_nat()
         };
         actions.iter().enumerate().map(&mut entropy).collect()
     }
 
-    /// The genie's actions: in every cycle the one that leaves least entropy, the first of equals.
-    pub fn genie(&self) -> Vec<usize> {
-        let mut posterior = self.start;
-        let mut actions = Vec::new();
-        for cycle in 0..self.cycles() {
-            posterior.predict(self.elapsed_s[cycle], self.acceleration_std_m_s2);
-            let mut best: Option<(f64, usize, Posterior)> = None;
-            for (action, information) in self.informations[cycle].iter().enumerate() {
-                let mut after = posterior;
-                after.update(*information);
-                let entropy_nat = after.position_entropy_nat();
-                if best.as_ref().is_none_or(|(least, ..)| entropy_nat < *least) {
-                    best = Some((entropy_nat, action, after));
+    /// The genie's actions, the same for all anchors: in every cycle the one that leaves least entropy, the first of equals.
+    pub fn genie(&self) -> Vec<Actions> {
+        self.decide(|posterior, cycle| {
+            let mut actions = vec![0];
+            self.improve(posterior, cycle, &mut actions, 0);
+            actions
+        })
+    }
+
+    /// Those of a genie who tunes every anchor by itself: from its common choice, one anchor after the other, until none
+    /// leaves less entropy. An action for each anchor that no other one betters.
+    pub fn genie_per_anchor(&self) -> Vec<Actions> {
+        self.decide(|posterior, cycle| {
+            let mut common = vec![0];
+            self.improve(posterior, cycle, &mut common, 0);
+            let mut actions = vec![common[0]; self.informations[cycle].len()];
+            loop {
+                let before = actions.clone();
+                (0..actions.len()).for_each(|place| self.improve(posterior, cycle, &mut actions, place));
+                if actions == before {
+                    return actions;
                 }
             }
-            if let Some((_, action, after)) = best {
-                posterior = after;
-                actions.push(action);
+        })
+    }
+
+    /// Puts the action into `place` that leaves least entropy; what is there stays unless another is better.
+    fn improve(&self, posterior: &Posterior, cycle: usize, actions: &mut [usize], place: usize) {
+        let entropy_nat = |actions: &[usize]| {
+            let mut after = *posterior;
+            after.update(self.information(cycle, actions));
+            after.position_entropy_nat()
+        };
+        let mut best = (entropy_nat(actions), actions[place]);
+        for action in 0..self.informations[cycle].first().map_or(0, Vec::len) {
+            actions[place] = action;
+            let entropy_nat = entropy_nat(actions);
+            if entropy_nat < best.0 {
+                best = (entropy_nat, action);
             }
         }
-        actions
+        actions[place] = best.1;
+    }
+
+    /// What `choose` takes in every cycle, from the bound as it is predicted.
+    fn decide(&self, choose: impl Fn(&Posterior, usize) -> Actions) -> Vec<Actions> {
+        let mut posterior = self.start;
+        let mut all = Vec::new();
+        for cycle in 0..self.cycles() {
+            posterior.predict(self.elapsed_s[cycle], self.acceleration_std_m_s2);
+            let actions = choose(&posterior, cycle);
+            posterior.update(self.information(cycle, &actions));
+            all.push(actions);
+        }
+        all
     }
 }
