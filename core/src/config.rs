@@ -191,7 +191,12 @@ impl Default for Config {
             controller: ControllerSettings {
                 reward: Reward::InformationGain,
                 learning: Learning { rate: 0.5, experience_rate: 0.02, discount: 0.5, bootstrap: false },
-                choice: Choice { temperature_nat: 0.1, exploration: 0.01, hysteresis_nat: 0.05 },
+                choice: Choice {
+                    temperature_nat: 0.1,
+                    exploration: 0.002,
+                    hysteresis_nat: 0.02,
+                    caution_nat: 0.5,
+                },
                 planned_actions: 20,
                 horizon: 1,
                 first_action: 0,
@@ -269,6 +274,7 @@ impl Config {
         within(controller.choice.temperature_nat, 1e-3, 100.0, Setting::Temperature)?;
         within(controller.choice.exploration, 0.0, 1.0, Setting::Exploration)?;
         within(controller.choice.hysteresis_nat, 0.0, 100.0, Setting::Hysteresis)?;
+        within(controller.choice.caution_nat, 0.0, 100.0, Setting::Caution)?;
         within(controller.planned_actions as f32, 0.0, 1e3, Setting::PlannedActions)?;
         within(controller.horizon as f32, 1.0, LONGEST_HORIZON as f32, Setting::Horizon)?;
         within(controller.prior_sinr, 0.01, 1e6, Setting::PriorSinr)?;

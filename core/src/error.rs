@@ -155,6 +155,7 @@ pub enum Setting {
     Temperature,
     Exploration,
     Hysteresis,
+    Caution,
     PlannedActions,
     Horizon,
     PriorSinr,

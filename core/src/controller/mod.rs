@@ -16,10 +16,13 @@ use crate::config::ControllerSettings;
 use hop::Hop;
 use library::Allowed;
 use planning::{Ahead, Horizon, Scene, Visible};
-use policy::{explore, planned_set, policy, settle};
+use policy::{Heard, explore, planned_set, policy, settle};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use value::ActionValues;
+
+/// What is left after a cycle of every frame counted: after some 140 cycles half.
+const AGEING: f32 = 0.995;
 
 /// What has become of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,6 +44,7 @@ pub struct Controller<const ACTIONS: usize> {
     decisions: u32,
     values: ActionValues<ACTIONS>,
     policy: [f32; ACTIONS],
+    heard: Heard<ACTIONS>,
     /// The action held; the one chosen differs from it while another is tried.
     held: usize,
     chosen: usize,
@@ -64,6 +68,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             seed,
             decisions: 0,
             policy,
+            heard: [0.0; ACTIONS],
             values,
             held: first,
             chosen: first,
@@ -106,6 +111,12 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         {
             self.values.correct(self.chosen, earned - planned, &settings.learning);
         }
+        if outcome.heard {
+            let shares = scene.shares(outcome.applied);
+            for (heard, share) in self.heard.iter_mut().zip(shares) {
+                *heard = *heard * AGEING + share;
+            }
+        }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
         let alternatives = self.allowed.iter().filter(|allowed| **allowed).count();
         if settings.planned_actions == 0 || alternatives < 2 {
@@ -120,9 +131,11 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.values.learn(action, reward(action) - present, &self.policy, &settings.learning);
         }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
-        self.held = settle(&self.values, &self.allowed, self.held, &settings.choice);
+        self.held = settle(&self.values, &self.allowed, &self.heard, self.held, &settings.choice);
         self.values.relate_to(self.held);
-        self.chosen = explore(&self.policy, &self.allowed, &settings.choice, &mut rng).unwrap_or(self.held);
+        self.chosen =
+            explore(&self.values, &self.policy, &self.allowed, self.held, &settings.choice, &mut rng)
+                .unwrap_or(self.held);
         // Exploration may take an action that was not planned.
         let known = planned.get(self.chosen).copied().unwrap_or(false);
         self.planned_reward = known.then(|| reward(self.chosen));
@@ -193,6 +206,11 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     /// The action values.
     pub fn values(&self) -> &ActionValues<ACTIONS> {
         &self.values
+    }
+
+    /// How many frames were heard with each action or its spectral neighbours.
+    pub fn heard(&self) -> &Heard<ACTIONS> {
+        &self.heard
     }
 
     /// The policy: probabilities of the actions.

@@ -11,7 +11,7 @@
 use super::library::Library;
 use super::reward::{Reward, reward};
 use crate::information::fisher::{PositionInformation, range_slope};
-use crate::memory::channel::ChannelMemory;
+use crate::memory::channel::{ChannelMemory, Shares};
 use crate::perceptor::association::missed_odds;
 use crate::perceptor::state_filter::{Source, predict_agent};
 use crate::pulse::{Pulse, PulseShape};
@@ -142,6 +142,11 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
         }
         self.plan_batch(&batch, visible, given, &mut rewards);
         rewards
+    }
+
+    /// What a frame received with `action` tells of every action.
+    pub fn shares(&self, action: usize) -> Shares<ACTIONS> {
+        self.memory.shares(action, self.library)
     }
 
     /// What each of these sources will tell with its action.

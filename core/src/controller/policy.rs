@@ -18,7 +18,16 @@ pub struct Choice {
     pub exploration: f32,
     /// The best action replaces the present one only if it is worth this much more, nats.
     pub hysteresis_nat: f32,
+    /// What one that was never heard must be worth beyond that, nats (0 to 100); one that was, as much less as it was heard
+    /// more. What is expected of it is a guess, and it is the best of many guesses that promises most.
+    pub caution_nat: f32,
 }
+
+/// Probability per cycle of trying an action that promises more than the present one but is not trusted yet.
+const CURIOSITY: f32 = 0.05;
+
+/// How many frames were heard with each action, spectral neighbours counted by their share, old ones less.
+pub type Heard<const ACTIONS: usize> = [f32; ACTIONS];
 
 /// pi = softmax(J / tau) with a floor, over the actions allowed; zero for the rest.
 pub fn policy<const ACTIONS: usize>(
@@ -89,26 +98,38 @@ pub fn planned_set<const ACTIONS: usize>(
     chosen
 }
 
-/// The action to hold: the best one, but the present one where that is not worth enough more.
+/// The action to hold: the one worth most, caution taken off, but the present one where that is not worth enough more.
 pub fn settle<const ACTIONS: usize>(
     values: &ActionValues<ACTIONS>,
     allowed: &Allowed<ACTIONS>,
+    heard: &Heard<ACTIONS>,
     present: usize,
     choice: &Choice,
 ) -> usize {
-    let best = values.best(allowed);
-    if values.get(best) > values.get(present) + choice.hysteresis_nat { best } else { present }
+    let mut best = (present, values.get(present) + choice.hysteresis_nat);
+    for (((action, value), &heard), &allowed) in values.values().iter().enumerate().zip(heard).zip(allowed) {
+        let trusted = value - choice.caution_nat / (1.0 + heard);
+        if allowed && action != present && trusted > best.1 {
+            best = (action, trusted);
+        }
+    }
+    best.0
 }
 
-/// With probability epsilon, an action to try for one cycle, drawn from the policy.
+/// An action to try for one cycle: with probability epsilon one drawn from the policy; otherwise, now and then, the best,
+/// where only caution keeps the one `held` in its place.
 pub fn explore<const ACTIONS: usize>(
+    values: &ActionValues<ACTIONS>,
     policy: &[f32; ACTIONS],
     allowed: &Allowed<ACTIONS>,
+    held: usize,
     choice: &Choice,
     rng: &mut impl Rng,
 ) -> Option<usize> {
     if uniform(rng) > choice.exploration {
-        return None;
+        let best = values.best(allowed);
+        let promises = values.get(best) > values.get(held) + choice.hysteresis_nat;
+        return (promises && uniform(rng) <= CURIOSITY).then_some(best);
     }
     let mut left = uniform(rng);
     for ((action, &p), _) in policy.iter().enumerate().zip(allowed).filter(is_allowed) {
@@ -164,18 +185,42 @@ mod tests {
         values.learn(2, 0.04, &[0.25; 4], &LEARNING);
         let all = [true; 4];
         let pi = policy(&values, &all, 0.1);
-        let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05 };
-        assert_eq!(settle(&values, &all, 0, &still), 0);
-        assert_eq!(explore(&pi, &all, &still, &mut rng), None);
+        let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, caution_nat: 0.0 };
+        let known = [1e3; 4];
+        assert_eq!(settle(&values, &all, &known, 0, &still), 0);
+        assert_eq!(explore(&values, &pi, &all, 0, &still, &mut rng), None);
         let keen = Choice { hysteresis_nat: 0.0, ..still };
-        assert_eq!(settle(&values, &all, 0, &keen), 2);
+        assert_eq!(settle(&values, &all, &known, 0, &keen), 2);
         let curious = Choice { exploration: 1.0, ..still };
         let mut seen = [false; 4];
         for _ in 0..200 {
-            if let Some(action) = explore(&pi, &all, &curious, &mut rng) {
+            if let Some(action) = explore(&values, &pi, &all, 0, &curious, &mut rng) {
                 seen[action] = true;
             }
         }
         assert_eq!(seen, [true; 4]);
+    }
+
+    #[test]
+    fn what_was_never_heard_is_tried_before_it_is_trusted() {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(7);
+        let mut values = ActionValues::<4>::default();
+        values.learn(2, 0.3, &[0.25; 4], &LEARNING);
+        let all = [true; 4];
+        let pi = policy(&values, &all, 0.1);
+        let choice =
+            Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, caution_nat: 0.5 };
+        let settled = |heard: f32| settle(&values, &all, &[heard; 4], 0, &choice);
+        // 0.3 - 0.5 / (1 + n) > 0.05 from n = 1 on.
+        assert_eq!([settled(0.0), settled(0.9), settled(1.1)], [0, 0, 2]);
+        let tried = (0..4000).filter(|_| {
+            let tried = explore(&values, &pi, &all, 0, &choice, &mut rng);
+            assert!(tried.is_none_or(|action| action == 2));
+            tried.is_some()
+        });
+        let share = tried.count() as f32 / 4000.0;
+        assert!((share - CURIOSITY).abs() < 0.015, "{share}");
+        // Where it is trusted there is nothing to be curious about.
+        assert!((0..100).all(|_| explore(&values, &pi, &all, 2, &choice, &mut rng).is_none()));
     }
 }

@@ -341,6 +341,8 @@ pub struct Controller<T> {
     pub values: Vec<T>,
     /// Policy pi.
     pub policy: Vec<T>,
+    /// Frames heard by action, neighbours counted by their share, old ones less.
+    pub heard: Vec<T>,
     /// The action held.
     pub held: usize,
     /// The action chosen: the one held, or one that is tried.
@@ -366,6 +368,7 @@ impl<T: Real> Controller<T> {
             seed,
             policy: policy(&values, &allowed, T::of(settings.choice.temperature_nat)),
             allowed,
+            heard: vec![T::ZERO; capacity],
             values,
             held: first,
             chosen: first,
@@ -395,6 +398,12 @@ impl<T: Real> Controller<T> {
         {
             self.values[self.chosen] += T::of(settings.learning.experience_rate) * (earned - planned);
         }
+        if outcome.heard {
+            let shares = prospect.memory.shares(outcome.applied, prospect.library);
+            for c in 0..self.heard.len() {
+                self.heard[c] = self.heard[c] * T::of(0.995) + shares[c];
+            }
+        }
         self.policy = policy(&self.values, &self.allowed, temperature);
         if settings.planned_actions == 0 || self.allowed.len() < 2 {
             return;
@@ -418,16 +427,29 @@ impl<T: Real> Controller<T> {
             }
         }
         self.policy = policy(&self.values, &self.allowed, temperature);
-        let best = best(&self.values, &self.allowed);
-        if self.values[best] > self.values[present] + T::of(settings.choice.hysteresis_nat) {
-            self.held = best;
+        let hysteresis = T::of(settings.choice.hysteresis_nat);
+        let mut most = self.values[present] + hysteresis;
+        for &c in &self.allowed {
+            let trusted = self.values[c] - T::of(settings.choice.caution_nat) / (T::ONE + self.heard[c]);
+            if c != present && trusted > most {
+                most = trusted;
+                self.held = c;
+            }
         }
         let standard = self.values[self.held];
         for value in &mut self.values {
             *value -= standard;
         }
         let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
-        let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
+        let promising = best(&self.values, &self.allowed);
+        let tried = if tries {
+            draw(&self.policy, &self.allowed, &mut rng)
+        } else if self.values[promising] > self.values[self.held] + hysteresis {
+            // What is not trusted yet is tried once in twenty cycles.
+            (uniform::<T>(&mut rng) <= T::of(0.05)).then_some(promising)
+        } else {
+            None
+        };
         self.chosen = tried.unwrap_or(self.held);
         self.planned_reward = rewards[self.chosen];
     }
