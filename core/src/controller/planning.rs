@@ -105,6 +105,7 @@ struct Audible {
 
 impl Audible {
     /// A path tells something only if it is found: P_d / (unit / SINR + rest), 1/m^2.
+    #[inline(always)]
     fn weight(&self, view: &View) -> f32 {
         self.found / (self.odds * (self.unit_m2 + view.rest_m2 * self.sinr))
     }
@@ -201,6 +202,7 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
         })
     }
 
+    #[inline(always)]
     fn audible(&self, sight: &Visible, action: usize, unit_m2: f32) -> Audible {
         let root = exp(0.5 * self.memory.sinr_ln(sight.source, action));
         let sinr = root * root;

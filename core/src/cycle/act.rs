@@ -53,8 +53,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let sources = visible(&self.anchors, &self.environment, &self.filter, tag_height_m);
         let is_common = self.controllers.len() == 1;
         for index in 0..self.controllers.len() {
-            let mut held: Vec<usize, ANCHORS> = Vec::new();
-            held.extend(self.controllers.iter().map(Controller::held));
+            let mut held = [0; ANCHORS];
+            for (held, controller) in held.iter_mut().zip(&self.controllers) {
+                *held = controller.held();
+            }
             let Some(controller) = self.controllers.get_mut(index) else { return };
             let is_own = move |anchor: usize| is_common || anchor == index;
             let own = scans.iter().filter(|scan| is_own(scan.anchor));
