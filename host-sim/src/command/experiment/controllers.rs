@@ -1,6 +1,6 @@
 //! `cogmint experiment controllers`: what choosing the carrier is worth.
 
-use super::super::{metres, progress_of, write_picture};
+use super::super::{metres, progress_of, variants, write_picture};
 use super::carriers::Carriers;
 use super::{percent, print, print_json};
 use crate::Failure;
@@ -9,9 +9,10 @@ use cogmint::demo;
 use cogmint::experiment::controllers::figures::{Figures, Row};
 use cogmint::experiment::controllers::onset::Answer;
 use cogmint::experiment::controllers::picture::Pictures;
-use cogmint::experiment::controllers::{ABLATIONS, Comparison, Controller, compare_each};
+use cogmint::experiment::controllers::{ABLATIONS, Campaign, Comparison, Controller, compare_each};
 use cogmint::plot::Picture;
 use cogmint::scenario::Scenario;
+use cogmint_core::Variant;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -46,6 +47,12 @@ pub struct Options {
     /// Moves that interferer to this carrier, hertz, half-way through its time; it leaves as much there.
     #[arg(long, value_name = "HZ", requires = "interference", value_parser = carrier_hz)]
     then: Option<f64>,
+    /// The variant of all trackers.
+    #[arg(long, value_name = "NAME", default_value = "soft", value_parser = variants())]
+    variant: Variant,
+    /// Tells all trackers exactly where the N strongest virtual anchors are, and of no other, whatever the scenario does.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=24))]
+    exact_map: Option<u32>,
     /// Print one JSON object instead of a table.
     #[arg(long)]
     json: bool,
@@ -90,6 +97,10 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             Some(then_hz) => scenario.interference.extend(demo::moving_interferer(median_sinr_db, then_hz)),
         }
     }
+    if let Some(strongest) = options.exact_map {
+        let plan = &mut scenario.prior.floor_plan;
+        (plan.known, plan.exact, plan.max_virtual_anchors) = (true, true, strongest as usize);
+    }
     let controllers: Vec<Controller> = if options.ablation {
         let ablated = (0..ABLATIONS.len()).map(Controller::Ablated);
         [Controller::Greedy, Controller::Cognitive].into_iter().chain(ablated).collect()
@@ -108,9 +119,12 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         &scenario,
         folder.as_deref(),
         &controllers,
-        options.runs,
-        options.seed,
-        options.plot.is_some(),
+        &Campaign {
+            runs: options.runs,
+            seed: options.seed,
+            variant: options.variant,
+            watched: options.plot.is_some(),
+        },
         || bar.inc(1),
     )?;
     bar.finish_and_clear();

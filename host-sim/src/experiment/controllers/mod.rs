@@ -20,6 +20,7 @@ use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup};
 use crate::scenario::Scenario;
 use crate::score::Score;
 use crate::simulator::Simulator;
+use cogmint_core::Variant;
 use cogmint_core::config::ControllerSettings;
 use cogmint_core::controller::reward::Reward;
 use figures::Figures;
@@ -150,7 +151,21 @@ pub struct Comparison {
     pub watched: Option<Watched>,
 }
 
-/// Compares `controllers` (fixed and genie always among them) in `runs` runs of a scenario, seeds from `seed` on.
+/// How often and with which trackers.
+#[derive(Clone, Copy, Debug)]
+pub struct Campaign {
+    /// Runs per controller, each along the next of the scenario's trajectories.
+    pub runs: u32,
+    /// Seed of the first run; the others count on.
+    pub seed: u64,
+    /// The variant of all trackers.
+    pub variant: Variant,
+    /// Whether the first run is watched: no controller notices, and a long campaign carries no more for it than one run's
+    /// values.
+    pub watched: bool,
+}
+
+/// Compares `controllers` (fixed and genie always among them) in the runs of a scenario.
 ///
 /// # Errors
 /// The scenario cannot be simulated.
@@ -158,32 +173,30 @@ pub fn compare(
     scenario: &Scenario,
     folder: Option<&Path>,
     controllers: &[Controller],
-    runs: u32,
-    seed: u64,
+    campaign: &Campaign,
     on_run: impl Fn() + Sync,
 ) -> Result<Figures, InputError> {
-    let comparisons = compare_each(scenario, folder, controllers, runs, seed, false, on_run)?;
+    let comparisons = compare_each(scenario, folder, controllers, campaign, on_run)?;
     Ok(Figures::new(&scenario.name, &comparisons))
 }
 
-/// The runs that [`compare`] makes its figures of. The first one is `watched`, where that is asked for: no controller
-/// notices, and a long campaign carries no more for it than one run's values.
+/// The runs that [`compare`] makes its figures of.
 ///
 /// # Errors
-/// The scenario cannot be simulated.
+/// The scenario cannot be simulated, or the variant needs a floor plan that it has not.
 pub fn compare_each(
     scenario: &Scenario,
     folder: Option<&Path>,
     controllers: &[Controller],
-    runs: u32,
-    seed: u64,
-    watched: bool,
+    campaign: &Campaign,
     on_run: impl Fn() + Sync,
 ) -> Result<Vec<Comparison>, InputError> {
     let ways = scenario.trajectories.len().max(1);
-    let comparisons = (0..runs as usize).into_par_iter().map(|run| {
-        let simulator = Simulator::new(scenario, folder, run % ways, Some(seed.wrapping_add(run as u64)))?;
-        compare_once(&simulator, controllers, watched && run == 0, &on_run)
+    let comparisons = (0..campaign.runs as usize).into_par_iter().map(|run| {
+        let seed = campaign.seed.wrapping_add(run as u64);
+        let simulator = Simulator::new(scenario, folder, run % ways, Some(seed))?;
+        let setup = set_up(&simulator)?.with_variant(campaign.variant, Path::new(&scenario.name))?;
+        compare_once(&simulator, &setup, controllers, campaign.watched && run == 0, &on_run)
     });
     comparisons.collect()
 }
@@ -194,13 +207,13 @@ pub fn compare_each(
 /// The core refuses something, which would be a defect.
 pub fn compare_once(
     simulator: &Simulator,
+    setup: &Setup,
     controllers: &[Controller],
     watched: bool,
     on_run: &(impl Fn() + Sync),
 ) -> Result<Comparison, InputError> {
     let channel = simulator.channel();
-    let setup = set_up(simulator)?;
-    let truth = Truth::new(simulator, &setup);
+    let truth = Truth::new(simulator, setup);
     // The fixed carrier and the genie are what all are measured by.
     let others = controllers.iter().filter(|one| !matches!(one, Controller::Fixed | Controller::Genie));
     let asked = [Controller::Fixed].into_iter().chain(others.copied()).chain([Controller::Genie]);
@@ -209,9 +222,9 @@ pub fn compare_once(
         let decisions = watched.as_mut().filter(|_| controller == Controller::Cognitive);
         let decisions = decisions.map(|watched| &mut watched.decisions);
         let run = if setup.anchors.len() <= SMALL_ANCHORS {
-            steer::<SMALL_ANCHORS>(simulator, &setup, &truth, controller, decisions)
+            steer::<SMALL_ANCHORS>(simulator, setup, &truth, controller, decisions)
         } else {
-            steer::<LARGE_ANCHORS>(simulator, &setup, &truth, controller, decisions)
+            steer::<LARGE_ANCHORS>(simulator, setup, &truth, controller, decisions)
         };
         on_run();
         run
@@ -297,9 +310,10 @@ mod tests {
         for way in &mut scenario.trajectories {
             way.cycles = Some(12);
         }
+        let campaign = Campaign { runs: 3, seed: 5, variant: Variant::Soft, watched: false };
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
-            let all = || compare(&scenario, None, &Controller::ALL, 3, 5, || {}).expect("runs");
+            let all = || compare(&scenario, None, &Controller::ALL, &campaign, || {}).expect("runs");
             pool.install(all)
         };
         let alone = run(1);

@@ -309,10 +309,11 @@ impl Rows {
 
 #[cfg(test)]
 mod tests {
-    use super::super::compare_each;
+    use super::super::{Campaign, compare_each};
     use super::*;
     use crate::demo;
     use crate::scenario::{Library, NamedLibrary, Scenario};
+    use cogmint_core::Variant;
 
     const CYCLES: usize = 40;
 
@@ -323,7 +324,14 @@ mod tests {
         scenario.interference.push(demo::interferer(-8.0));
         scenario.trajectories.truncate(1);
         scenario.trajectories[0].cycles = Some(CYCLES);
-        compare_each(&scenario, None, controllers, 2, 3, watched, || {}).expect("runs")
+        compare_each(
+            &scenario,
+            None,
+            controllers,
+            &Campaign { runs: 2, seed: 3, variant: Variant::Soft, watched },
+            || {},
+        )
+        .expect("runs")
     }
 
     /// The carrier drawn in a cycle, of a line of levels.
