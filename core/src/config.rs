@@ -194,7 +194,7 @@ impl Default for Config {
                 choice: Choice {
                     temperature_nat: 0.1,
                     exploration: 0.002,
-                    hysteresis_nat: 0.02,
+                    hysteresis_nat: 0.01,
                     caution_nat: 0.5,
                 },
                 planned_actions: 20,

@@ -14,6 +14,13 @@ use heapless::Vec;
 /// A path this much stronger may leave artefacts beside it, power ratio.
 const ARTEFACT_RATIO: f32 = 4.0;
 
+/// Noise and dense multipath of a frame, over delay.
+struct FrameNoise {
+    level: NoiseLevel,
+    first_sample_delay_s: f32,
+    sample_spacing_s: f32,
+}
+
 /// What an anchor delivered, as measurements, and the action its frame was received with.
 pub(super) struct Scan<const PATHS: usize> {
     pub(super) anchor: usize,
@@ -23,8 +30,8 @@ pub(super) struct Scan<const PATHS: usize> {
     pub(super) framed: bool,
     /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
     pub(super) threshold: f32,
-    /// The frame's noise, its first sample's delay and its spacing, seconds; none without a frame.
-    pub(super) noise: Option<(NoiseLevel, f32, f32)>,
+    /// None without a frame.
+    noise: Option<FrameNoise>,
     /// Ranges and paths that there was no room for.
     pub(super) left_out: u32,
 }
@@ -32,8 +39,9 @@ pub(super) struct Scan<const PATHS: usize> {
 impl<const PATHS: usize> Scan<PATHS> {
     /// Level of noise and dense multipath where a path of this length arrives; `None` without a frame.
     pub(super) fn level(&self, range_m: f32) -> Option<f32> {
-        let (noise, first_s, spacing_s) = self.noise.as_ref()?;
-        Some(noise.level((range_m / SPEED_OF_LIGHT_M_S - first_s) / spacing_s, *spacing_s))
+        let FrameNoise { level, first_sample_delay_s, sample_spacing_s } = self.noise.as_ref()?;
+        let position = (range_m / SPEED_OF_LIGHT_M_S - first_sample_delay_s) / sample_spacing_s;
+        Some(level.level(position, *sample_spacing_s))
     }
 
     /// Takes a range in; where all places are taken, in the place of the one that tells least, if that is worse: the
@@ -212,7 +220,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         into.action = frame.action;
         into.framed = true;
         into.threshold = self.estimator.threshold();
-        into.noise = Some((estimate.noise, frame.first_sample_delay_s, self.config.radio.sample_spacing_s));
+        into.noise = Some(FrameNoise {
+            level: estimate.noise,
+            first_sample_delay_s: frame.first_sample_delay_s,
+            sample_spacing_s: self.config.radio.sample_spacing_s,
+        });
         let ranges = into.measurements.len();
         let resolution_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         for path in &estimate.paths {
