@@ -193,7 +193,7 @@ impl Default for Config {
                 learning: Learning { rate: 0.5, experience_rate: 0.02, discount: 0.5, bootstrap: false },
                 choice: Choice {
                     temperature_nat: 0.1,
-                    exploration: 0.002,
+                    exploration: 0.001,
                     hysteresis_nat: 0.01,
                     caution_nat: 0.5,
                 },

@@ -21,8 +21,9 @@ use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use value::ActionValues;
 
-/// What is left after a cycle of every frame counted: after some 140 cycles half.
-const AGEING: f32 = 0.995;
+/// What is left after a cycle of every frame counted, after some 34 cycles half: the tag moves on, and what was heard was
+/// heard elsewhere.
+const AGEING: f32 = 0.98;
 
 /// What has become of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -24,7 +24,9 @@ pub struct Choice {
 }
 
 /// Probability per cycle of trying an action that promises more than the present one but is not trusted yet.
-const CURIOSITY: f32 = 0.05;
+const CURIOSITY: f32 = 0.02;
+/// Share of the caution that it must promise for that: less is not worth a cycle.
+const PROMISE: f32 = 0.2;
 
 /// How many frames were heard with each action, spectral neighbours counted by their share, old ones less.
 pub type Heard<const ACTIONS: usize> = [f32; ACTIONS];
@@ -128,7 +130,8 @@ pub fn explore<const ACTIONS: usize>(
 ) -> Option<usize> {
     if uniform(rng) > choice.exploration {
         let best = values.best(allowed);
-        let promises = values.get(best) > values.get(held) + choice.hysteresis_nat;
+        let enough = choice.hysteresis_nat + PROMISE * choice.caution_nat;
+        let promises = values.get(best) > values.get(held) + enough;
         return (promises && uniform(rng) <= CURIOSITY).then_some(best);
     }
     let mut left = uniform(rng);

@@ -401,7 +401,7 @@ impl<T: Real> Controller<T> {
         if outcome.heard {
             let shares = prospect.memory.shares(outcome.applied, prospect.library);
             for c in 0..self.heard.len() {
-                self.heard[c] = self.heard[c] * T::of(0.995) + shares[c];
+                self.heard[c] = self.heard[c] * T::of(0.98) + shares[c];
             }
         }
         self.policy = policy(&self.values, &self.allowed, temperature);
@@ -444,9 +444,11 @@ impl<T: Real> Controller<T> {
         let promising = best(&self.values, &self.allowed);
         let tried = if tries {
             draw(&self.policy, &self.allowed, &mut rng)
-        } else if self.values[promising] > self.values[self.held] + hysteresis {
-            // What is not trusted yet is tried once in twenty cycles.
-            (uniform::<T>(&mut rng) <= T::of(0.05)).then_some(promising)
+        } else if self.values[promising]
+            > self.values[self.held] + (hysteresis + T::of(0.2) * T::of(settings.choice.caution_nat))
+        {
+            // What is not trusted yet is tried once in fifty cycles.
+            (uniform::<T>(&mut rng) <= T::of(0.02)).then_some(promising)
         } else {
             None
         };
