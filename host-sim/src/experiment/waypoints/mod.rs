@@ -7,9 +7,9 @@
 //! the step it was told, exactly, from where it really is: an error of the estimate stays one. It stops where it believes
 //! itself at the goal, or after three times the legs of the straight walk.
 //!
-//! The channel is that of one leg after the other, as the way comes about. What a scenario states as parts of its way (interference, obstructions,
-//! gaps) has no meaning on such a way and is left out. The carrier stays at the first action, so that runs differ by
-//! their ways only.
+//! The channel is that of one leg after the other, as the way comes about. What a scenario states as parts of its way
+//! (interference, obstructions, gaps) has no meaning on such a way and is left out. The carrier stays at the first
+//! action, so that runs differ by their ways only.
 
 pub mod figures;
 pub mod floor;
@@ -379,5 +379,18 @@ mod tests {
         assert_eq!(straight.rmse_m, informed.rmse_m);
         assert_eq!(straight.path_m, informed.path_m);
         assert_eq!(informed.entropy_gain_nat, 0.0);
+    }
+
+    /// Where anchors hang on one side, a way nearer to them is known better, and still arrives.
+    #[test]
+    fn a_hall_covered_from_one_side_is_worth_a_detour() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/waypoints.toml");
+        let (hall, folder) = Scenario::find(file).expect("is a scenario");
+        let figures = compare(&hall, folder.as_deref(), 1.0, 3, 1, || {}).expect("runs");
+        let [straight, random, informed] = &figures.choosers[..] else { panic!("three rows") };
+        assert!(informed.entropy_gain_nat > 0.05, "{figures:?}");
+        assert!(informed.path_m < 1.3 * straight.path_m, "{figures:?}");
+        assert_eq!((straight.arrivals, informed.arrivals, random.arrivals), (3, 3, 0), "{figures:?}");
+        assert!(informed.diverged.is_empty(), "{figures:?}");
     }
 }
