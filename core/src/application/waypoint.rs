@@ -25,7 +25,7 @@
 //! tag and source; from another place the power of the path is that of free space, SINR (present distance / distance
 //! there)^2, over unchanged noise. Sources never observed have the memory's prior SINR, at every distance. Within half a
 //! metre of an anchor none of its paths counts: the tracker loses the tag within 0.2 to 0.3 m of one (measured in the
-//! single-anchor room, alike at 32 and 50 dB and at pulses of 0.5 and 1 ns), while the bound has it best there. No source
+//! single-anchor room, alike at 40 and 50 dB and at pulses of 0.5 and 1 ns), while the bound has it best there. No source
 //! comes into sight and none goes out of it on the way: the memories hold no walls. As in [`crate::controller::planning`], a
 //! path counts by the probability that it is visible and found, and correlations of tag and virtual anchors are left out.
 
