@@ -1,33 +1,34 @@
 //! Waypoints: which of several places to go to next, for information and for a goal.
 //!
-//! For each candidate the covariance of position and velocity is carried along the straight way there, a cycle at a time:
-//! the state filter's own prediction, then the information of all sources expected to be visible from the place reached
-//! by then. What is left on arrival is the expected entropy h of the position. With a goal, the covariance is carried on
-//! along the straight way from the candidate to the goal, and a candidate costs
+//! For each candidate the covariance of position and velocity is carried along the straight way there, a cycle at a
+//! time: the state filter's own prediction, then the information of all sources expected to be visible from the place
+//! reached by then. What is left on arrival is the expected entropy h of the position. With a goal, the covariance is
+//! carried on along the straight way from the candidate to the goal, and a candidate costs
 //!
 //! integral of 1 + metres_per_nat (h(s) - h_0) ds over its whole way to the goal, in metres,
 //!
 //! h_0 being the lowest entropy expected on any of the ways: a metre where the position is a nat worse known counts as
 //! 1 + metres_per_nat metres. The least cost wins, the first of equals. A price of 0 goes straight to the goal.
 //!
-//! Why the whole way: what is known follows the place within a few cycles, so that the entropy on arrival is a property of
-//! the candidate's place. Its price alone would draw the tag downhill in a landscape with hollows (around every anchor), in
-//! which it stays; and a leg's own difference is too small to be worth a turn, although all legs after it would gain. Every
-//! metre costs at least itself, so staying never pays. Comparing ways that go on by a plain rule is a rollout policy
-//! (Bertsekas, "Rollout algorithms for discrete optimization: a survey", 2013): chosen anew at every candidate, with costs
-//! that do not change, it does no worse than the plain rule, by its own prediction.
+//! Why the whole way: what is known follows the place within a few cycles, so that the entropy on arrival is a property
+//! of the candidate's place. Its price alone would draw the tag downhill in a landscape with hollows (around every
+//! anchor), in which it stays; and a leg's own difference is too small to be worth a turn, although all legs after it
+//! would gain. Every metre costs at least itself, so staying never pays. Comparing ways that go on by a plain rule is a
+//! rollout policy (Bertsekas, "Rollout algorithms for discrete optimization: a survey", 2013): chosen anew at every
+//! candidate, with costs that do not change, it does no worse than the plain rule, by its own prediction.
 //!
-//! Without a goal, a candidate costs metres_per_nat h on arrival, so that any positive price seeks information alone. Then
-//! candidates should be about equally far away: a longer way there is more cycles of measurements. One nat in two
+//! Without a goal, a candidate costs metres_per_nat h on arrival, so that any positive price seeks information alone.
+//! Then candidates should be about equally far away: a longer way there is more cycles of measurements. One nat in two
 //! dimensions is a deviation that is smaller by the factor e^(1/2) on both axes.
 //!
-//! SINRs come from the channel memory, at one action for each source. It knows them as they are at the present distance of
-//! tag and source; from another place the power of the path is that of free space, SINR (present distance / distance
-//! there)^2, over unchanged noise. Sources never observed have the memory's prior SINR, at every distance. Within half a
-//! metre of an anchor none of its paths counts: the tracker loses the tag within 0.2 to 0.3 m of one (measured in the
-//! single-anchor room, alike at 40 and 50 dB and at pulses of 0.5 and 1 ns), while the bound has it best there. No source
-//! comes into sight and none goes out of it on the way: the memories hold no walls. As in [`crate::controller::planning`], a
-//! path counts by the probability that it is visible and found, and correlations of tag and virtual anchors are left out.
+//! SINRs come from the channel memory, at one action for each source. It knows them as they are at the present distance
+//! of tag and source; from another place the power of the path is that of free space, SINR (present distance / distance
+//! there)^2, over unchanged noise. Sources never observed have the memory's prior SINR, at every distance. Within half
+//! a metre of an anchor none of its paths counts: the tracker loses the tag within 0.2 to 0.3 m of one (measured in the
+//! single-anchor room, alike at 40 and 50 dB and at pulses of 0.5 and 1 ns), while the bound has it best there. No
+//! source comes into sight and none goes out of it on the way: the memories hold no walls. As in
+//! [`crate::controller::planning`], a path counts by the probability that it is visible and found, and correlations of
+//! tag and virtual anchors are left out.
 
 use crate::controller::library::Library;
 use crate::controller::planning::{Outlook, Visible};
@@ -147,8 +148,9 @@ impl fmt::Display for WaypointError {
 impl core::error::Error for WaypointError {}
 
 /// Chooses one of `candidates` (positions, metres; 1 to [`MOST_CANDIDATES`]) on the way to `goal`, by what the memories
-/// know. `visible` are the sources with the action each is received with; `outlook` is where the tag starts; its velocity
-/// and its length of a cycle are not used, since the way is the one to the candidate and `settings` has the period.
+/// know. `visible` are the sources with the action each is received with; `outlook` is where the tag starts; its
+/// velocity and its length of a cycle are not used, since the way is the one to the candidate and `settings` has the
+/// period.
 ///
 /// # Errors
 /// The first bad input.
@@ -227,8 +229,8 @@ pub fn choose_waypoint<const ANCHORS: usize, const VAS: usize, const ACTIONS: us
 impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
     Tracker<ANCHORS, VAS, PATHS, ACTIONS>
 {
-    /// Chooses one of `candidates` (positions, metres) on the way to `goal`, by all that the tracker knows after its last
-    /// cycle and with the carrier of the next one. Changes nothing.
+    /// Chooses one of `candidates` (positions, metres) on the way to `goal`, by all that the tracker knows after its
+    /// last cycle and with the carrier of the next one. Changes nothing.
     ///
     /// # Errors
     /// The first bad input, or [`WaypointError::Acquiring`] while it is not known where the tag is.
@@ -370,8 +372,8 @@ impl Walker {
         position_entropy_nat(&position_block(&self.covariance))
     }
 
-    /// Walks straight on to `to_m`, in so many cycles; the information is looked at once for `stretch` of them, in their
-    /// middle.
+    /// Walks straight on to `to_m`, in so many cycles; the information is looked at once for `stretch` of them, in
+    /// their middle.
     fn walk<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
         &mut self,
         to_m: [f32; 2],
@@ -580,8 +582,8 @@ mod tests {
         assert!((difference - 4.0_f32.ln()).abs() < 3e-3, "{difference}");
     }
 
-    /// Against the textbook: predict with F and Q as matrices, then one extended Kalman update per anchor in Joseph form,
-    /// all in double precision.
+    /// Against the textbook: predict with F and Q as matrices, then one extended Kalman update per anchor in Joseph
+    /// form, all in double precision.
     #[test]
     fn the_expected_entropy_is_that_of_an_extended_kalman_filter_on_the_way() {
         let library = library();
@@ -681,8 +683,8 @@ mod tests {
         assert!(spread[1] - spread[0] > 0.1, "{spread:?}");
     }
 
-    /// Where a tag ends that goes as it is told, from (0, 0) to (6, 0), and after how many legs of 0.5 m; channels are those
-    /// of free space, SINR 1000 at 1 m.
+    /// Where a tag ends that goes as it is told, from (0, 0) to (6, 0), and after how many legs of 0.5 m; channels are
+    /// those of free space, SINR 1000 at 1 m.
     fn walk(anchors_m: &[[f32; 2]], height_m: f32, metres_per_nat: f32) -> (usize, Vec<[f32; 2]>) {
         let (library, goal) = (library(), [6.0_f32, 0.0]);
         let mut outlook = outlook(Matrix4::from_diagonal(&Vector4::new(1e-4, 1e-4, 1e-2, 1e-2)));
@@ -717,7 +719,8 @@ mod tests {
         (usize::MAX, places)
     }
 
-    /// An anchor beside the way is a hollow in the entropy: a tag goes nearer to it if that is worth it, but does not stay.
+    /// An anchor beside the way is a hollow in the entropy: a tag goes nearer to it if that is worth it, but does not
+    /// stay.
     #[test]
     fn a_tag_bends_towards_anchors_but_arrives_at_any_price() {
         let anchors_m = [[3.0, 2.0], [0.0, 6.0], [6.0, 6.0]];
