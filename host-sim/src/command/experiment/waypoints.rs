@@ -18,7 +18,7 @@ pub struct Options {
     /// Seed of the first run; the others count on.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// What the informed chooser gives for one nat less of expected entropy, metres nearer to the goal.
+    /// What the informed chooser gives for one nat less of expected entropy on each metre of the way: metres of detour.
     #[arg(long, default_value_t = 1.0, value_name = "M", value_parser = metres_per_nat)]
     metres_per_nat: f64,
     /// Print one JSON object instead of a table.

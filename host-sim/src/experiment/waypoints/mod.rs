@@ -1,15 +1,15 @@
 //! What choosing waypoints is worth: the core's application layer against a straight walk and a random one.
 //!
-//! Every run has a seed, which gives the room's scatterers, the noise, and a start and a goal within sight of each other
-//! ([`floor`]). A tag is told where the anchors are and which virtual anchors a walk along the scenario's own way has
-//! surveyed, if the scenario has a floor plan. After every leg of 0.5 m it is told the next waypoint, one of eight around
-//! its estimate, as long as no wall is in its way; once the goal is that near, the goal is one as well. What it walks is
-//! the step it was told, exactly, from where it really is: an error of the estimate stays one. It stops where it believes
-//! itself at the goal, or after three times the legs of the straight walk.
+//! Every run has a seed, which gives the room's scatterers, the noise, and a start and a goal within sight of each
+//! other ([`floor`]). A tag is told where the anchors are and which virtual anchors a walk along the scenario's own way
+//! has surveyed, if the scenario has a floor plan. After every leg of 0.5 m it is told the next waypoint, one of eight
+//! around its estimate, as long as no wall is in its way; once the goal is that near, the goal is one as well. What it
+//! walks is the step it was told, exactly, from where it really is: an error of the estimate stays one. It stops where
+//! it believes itself at the goal, or after three times the legs of the straight walk.
 //!
-//! The channel is that of one leg after the other, as the way comes about. What a scenario states as parts of its way (interference, obstructions,
-//! gaps) has no meaning on such a way and is left out. The carrier stays at the first action, so that runs differ by
-//! their ways only.
+//! The channel is that of one leg after the other, as the way comes about. What a scenario states as parts of its way
+//! (interference, obstructions, gaps) has no meaning on such a way and is left out. The carrier stays at the first
+//! action, so that runs differ by their ways only.
 
 pub mod figures;
 pub mod floor;
@@ -193,8 +193,8 @@ impl Task {
         })
     }
 
-    /// The simulator of leg `leg`, which begins at `time_s`. Noise and packets differ from leg to leg; the room and those
-    /// who walk in it go on as they were.
+    /// The simulator of leg `leg`, which begins at `time_s`. Noise and packets differ from leg to leg; the room and
+    /// those who walk in it go on as they were.
     fn simulator(&self, leg: usize, ends_m: [Position; 2], time_s: f64) -> Result<Simulator, InputError> {
         let steps = (distance_m(ends_m[0], ends_m[1]) / self.stride_m - 1e-6).ceil().max(1.0);
         let length_m = distance_m(ends_m[0], ends_m[1]);
@@ -379,5 +379,18 @@ mod tests {
         assert_eq!(straight.rmse_m, informed.rmse_m);
         assert_eq!(straight.path_m, informed.path_m);
         assert_eq!(informed.entropy_gain_nat, 0.0);
+    }
+
+    /// Where anchors hang on one side, a way nearer to them is known better, and still arrives.
+    #[test]
+    fn a_hall_covered_from_one_side_is_worth_a_detour() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/waypoints.toml");
+        let (hall, folder) = Scenario::find(file).expect("is a scenario");
+        let figures = compare(&hall, folder.as_deref(), 1.0, 3, 1, || {}).expect("runs");
+        let [straight, random, informed] = &figures.choosers[..] else { panic!("three rows") };
+        assert!(informed.entropy_gain_nat > 0.05, "{figures:?}");
+        assert!(informed.path_m < 1.3 * straight.path_m, "{figures:?}");
+        assert_eq!((straight.arrivals, informed.arrivals, random.arrivals), (3, 3, 0), "{figures:?}");
+        assert!(informed.diverged.is_empty(), "{figures:?}");
     }
 }
