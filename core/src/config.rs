@@ -80,9 +80,9 @@ pub struct ControllerSettings {
     pub reward: Reward,
     /// Learning rate and discount.
     pub learning: Learning,
-    /// Temperature, exploration, hysteresis.
+    /// Temperature, exploration, hysteresis, caution.
     pub choice: Choice,
-    /// Actions planned per cycle (0: none, the radio then never leaves its action; at most the library).
+    /// Actions planned per cycle (0: none, the radio then never leaves its action; as many as the library has, or more: all).
     pub planned_actions: usize,
     /// Planning horizon, cycles (1 to 16).
     pub horizon: usize,
@@ -195,7 +195,7 @@ impl Default for Config {
                     temperature_nat: 0.1,
                     exploration: 0.001,
                     hysteresis_nat: 0.01,
-                    caution_nat: 0.5,
+                    caution_nat: 1.0,
                 },
                 planned_actions: 20,
                 horizon: 1,

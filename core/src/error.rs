@@ -201,7 +201,9 @@ impl fmt::Display for Error {
                 write!(f, "anchor {anchor} delivered {given} ranges, at most {limit} allowed")
             }
             Error::TagHeight => write!(f, "the tag's height is out of range"),
-            Error::ToldSinr => write!(f, "one finite SINR per action must be told"),
+            Error::ToldSinr => {
+                write!(f, "one finite SINR per action must be told, of a source that is there")
+            }
         }
     }
 }

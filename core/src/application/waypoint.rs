@@ -117,6 +117,8 @@ pub enum WaypointError {
     Weight,
     /// The library has no such action.
     Action,
+    /// The tag's height is not finite or beyond a kilometre.
+    TagHeight,
     /// Position or covariance to start from are not finite.
     Outlook,
     /// It is not known where the tag is: its covariance says nothing yet.
@@ -139,6 +141,7 @@ impl fmt::Display for WaypointError {
             Self::Period => write!(f, "the time between cycles is out of range"),
             Self::Weight => write!(f, "the weight of the entropy is out of range"),
             Self::Action => write!(f, "there is no such action in the library"),
+            Self::TagHeight => write!(f, "the tag's height is out of range"),
             Self::Outlook => write!(f, "position and covariance to start from are not finite"),
             Self::Acquiring => write!(f, "it is not known yet where the tag is"),
         }
@@ -243,6 +246,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ) -> Result<WaypointChoice, WaypointError> {
         if self.acquisition().is_some() {
             return Err(WaypointError::Acquiring);
+        }
+        // Written so that NaN fails.
+        if !tag_height_m.is_none_or(|height_m| abs(height_m) <= 1000.0) {
+            return Err(WaypointError::TagHeight);
         }
         let config = self.config();
         let outlook = Outlook {

@@ -4,9 +4,16 @@
 //! announced in cycle n + 1 and used from cycle n + 2 on. A lost frame leaves it open whether the other end has read the
 //! announcement. Each end then stays where it is, and after three lost frames in a row goes to the rendezvous action,
 //! where they meet again.
+//!
+//! Where one tag chooses for several anchors, one of them may be gone while the others answer. The tag then calls all of
+//! them to the rendezvous, for a few cycles ([`Roll`]); an anchor that is out of reach is called again only now and then.
 
 /// Frames lost in a row after which an end goes to the rendezvous.
 const LOST_FRAMES: u32 = 3;
+/// Cycles that the others wait at the rendezvous for one that is gone, the way there counted in.
+const CALL: u32 = 5;
+/// Cycles from one call to the next.
+const CALL_AGAIN: u32 = 64;
 
 /// One end of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +38,11 @@ impl Hop {
     /// What the deciding end writes into the frame it sends now: the action of the next cycle.
     pub fn announced(&self) -> usize {
         self.announced
+    }
+
+    /// The action to meet at again.
+    pub fn rendezvous(&self) -> usize {
+        self.rendezvous
     }
 
     /// Frames lost in a row.
@@ -59,6 +71,38 @@ impl Hop {
             self.present = self.rendezvous;
             self.announced = self.rendezvous;
         }
+    }
+}
+
+/// Who answered the tag of late: the frames lost in a row from each of `ANCHORS` anchors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Roll<const ANCHORS: usize> {
+    lost: [u32; ANCHORS],
+}
+
+impl<const ANCHORS: usize> Default for Roll<ANCHORS> {
+    fn default() -> Self {
+        Self { lost: [0; ANCHORS] }
+    }
+}
+
+impl<const ANCHORS: usize> Roll<ANCHORS> {
+    /// A cycle has passed: which of the anchors were heard.
+    pub fn enter(&mut self, heard: impl Fn(usize) -> bool) {
+        for (anchor, lost) in self.lost.iter_mut().enumerate() {
+            *lost = if heard(anchor) { 0 } else { lost.saturating_add(1) };
+        }
+    }
+
+    /// Whether one of the first `count` anchors is to be met at the rendezvous.
+    pub fn calls(&self, count: usize) -> bool {
+        let missing = |lost: &u32| *lost >= LOST_FRAMES && (lost - LOST_FRAMES) % CALL_AGAIN < CALL;
+        self.lost.iter().take(count).any(missing)
+    }
+
+    /// The frames lost in a row, by anchor.
+    pub fn lost(&self) -> &[u32; ANCHORS] {
+        &self.lost
     }
 }
 
@@ -110,6 +154,45 @@ mod tests {
                 since_heard = if answered || noisy { 0 } else { since_heard + 1 };
                 assert!(since_heard < 7, "trial {trial}, cycle {cycle}: {tag:?} {anchor:?}");
             }
+        }
+    }
+
+    /// One tag and three anchors, of which the last goes out of reach for good half-way: frames are lost at random, and every
+    /// choice is another action. Whoever can be heard is, in nearly all cycles that lose nothing.
+    #[test]
+    fn a_tag_with_one_choice_for_all_keeps_its_anchors() {
+        let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(5);
+        for loss in [0_u32, 5, 10, 20] {
+            let mut tag = Hop::new(1, 0);
+            let mut anchors = [Hop::new(1, 0); 3];
+            let mut roll = Roll::<3>::default();
+            let mut heard_count = [0; 3];
+            for cycle in 0..4000 {
+                let mut lost = || rng.next_u32() % 100 < loss;
+                let announced = tag.announced();
+                let heard: std::vec::Vec<bool> = (0..3)
+                    .map(|place| {
+                        let anchor = &mut anchors[place];
+                        let in_reach = place < 2 || cycle < 2000;
+                        let polled = in_reach && tag.present() == anchor.present() && !lost();
+                        if polled {
+                            anchor.follow(announced)
+                        } else {
+                            anchor.miss()
+                        }
+                        polled && !lost()
+                    })
+                    .collect();
+                roll.enter(|place| heard[place]);
+                heard_count.iter_mut().zip(&heard).for_each(|(count, heard)| *count += usize::from(*heard));
+                let chosen = if roll.calls(3) { 0 } else { 1 + (cycle / 7) % 9 };
+                if heard.contains(&true) { tag.decide(chosen) } else { tag.miss() }
+            }
+            // An exchange is poll and answer.
+            let both = (1.0 - f64::from(loss) / 100.0).powi(2);
+            let [one, other, third] = heard_count.map(|count| count as f64 / 4000.0);
+            assert!(one > 0.85 * both && other > 0.85 * both, "{loss} %: {one} {other}");
+            assert!(third > 0.85 * both * 0.5, "{loss} %: {third}");
         }
     }
 }

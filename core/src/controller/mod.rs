@@ -25,6 +25,10 @@ use value::ActionValues;
 /// heard elsewhere.
 const AGEING: f32 = 0.98;
 
+/// How fast the usual entropy of the position follows the present one, down and up.
+const USUAL_FALL: f32 = 0.05;
+const USUAL_RISE: f32 = 0.002;
+
 /// What has become of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
@@ -34,6 +38,8 @@ pub struct Outcome {
     pub earned: Option<f32>,
     /// Whether anything was received.
     pub heard: bool,
+    /// Whether an anchor that shares the choice is to be met at the rendezvous, where there is one.
+    pub called: bool,
 }
 
 /// Values, policy and present action over a library of at most `ACTIONS` actions.
@@ -46,6 +52,8 @@ pub struct Controller<const ACTIONS: usize> {
     values: ActionValues<ACTIONS>,
     policy: [f32; ACTIONS],
     heard: Heard<ACTIONS>,
+    /// Entropy of the position in good times, nats; infinite before the first cycle.
+    usual_nat: f32,
     /// The action held; the one chosen differs from it while another is tried.
     held: usize,
     chosen: usize,
@@ -70,6 +78,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             decisions: 0,
             policy,
             heard: [0.0; ACTIONS],
+            usual_nat: f32::INFINITY,
             values,
             held: first,
             chosen: first,
@@ -90,7 +99,8 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     ) {
         self.choose(outcome, scene, visible, given);
         if let Some(hop) = &mut self.hop {
-            if outcome.heard { hop.decide(self.chosen) } else { hop.miss() }
+            let next = if outcome.called { hop.rendezvous() } else { self.chosen };
+            if outcome.heard { hop.decide(next) } else { hop.miss() }
         }
     }
 
@@ -125,6 +135,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         }
         let keep = [self.held, self.values.best(&self.allowed)];
         let planned = planned_set(&self.policy, &self.allowed, settings.planned_actions, keep, &mut rng);
+        let disturbance_nat = self.disturbance_nat(scene.entropy_nat());
         let rewards = scene.plan(&planned, visible, given);
         let reward = |action: usize| rewards.get(action).copied().unwrap_or(0.0);
         let present = reward(self.held);
@@ -132,14 +143,31 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.values.learn(action, reward(action) - present, &self.policy, &settings.learning);
         }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
-        self.held = settle(&self.values, &self.allowed, &self.heard, self.held, &settings.choice);
-        self.values.relate_to(self.held);
+        self.held =
+            settle(&self.values, &self.allowed, &self.heard, self.held, &settings.choice, disturbance_nat);
+        self.values.relate_to(self.held, &self.allowed);
         self.chosen =
             explore(&self.values, &self.policy, &self.allowed, self.held, &settings.choice, &mut rng)
                 .unwrap_or(self.held);
         // Exploration may take an action that was not planned.
         let known = planned.get(self.chosen).copied().unwrap_or(false);
         self.planned_reward = known.then(|| reward(self.chosen));
+    }
+
+    /// By how much less is known of the position than usual, nats.
+    fn disturbance_nat(&mut self, entropy_nat: f32) -> f32 {
+        if !self.usual_nat.is_finite() {
+            self.usual_nat = entropy_nat;
+        }
+        let disturbance_nat = entropy_nat - self.usual_nat;
+        let rate = if disturbance_nat > 0.0 { USUAL_RISE } else { USUAL_FALL };
+        self.usual_nat += rate * disturbance_nat;
+        disturbance_nat
+    }
+
+    /// The entropy of the position in good times, nats; 0 before the first choice.
+    pub fn usual_nat(&self) -> f32 {
+        if self.usual_nat.is_finite() { self.usual_nat } else { 0.0 }
     }
 
     /// How far and for what it plans.
@@ -160,7 +188,9 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         if self.settings.rendezvous.is_some_and(|rendezvous| !is_left(rendezvous)) {
             return false;
         }
-        if !is_left(self.held) || !is_left(self.chosen) || !is_left(self.action_index()) {
+        let announced = self.announced().unwrap_or(self.chosen);
+        let in_use = [self.held, self.chosen, self.action_index(), announced];
+        if !in_use.into_iter().all(is_left) {
             (self.held, self.chosen, self.planned_reward) = (first, first, None);
             self.hop = self.settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
         }

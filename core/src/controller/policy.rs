@@ -5,7 +5,7 @@
 
 use super::library::Allowed;
 use super::value::ActionValues;
-use crate::real::{exp, larger, ln};
+use crate::real::{exp, larger, limited, ln};
 use rand_core::Rng;
 
 /// How the next action is drawn.
@@ -26,7 +26,10 @@ pub struct Choice {
 /// Probability per cycle of trying an action that promises more than the present one but is not trusted yet.
 const CURIOSITY: f32 = 0.02;
 /// Share of the caution that it must promise for that: less is not worth a cycle.
-const PROMISE: f32 = 0.2;
+const PROMISE: f32 = 0.1;
+
+/// Nats less than usual that are known of the position, from which on there is no caution; a nat before, it is whole.
+const DISTURBED_NAT: f32 = 2.0;
 
 /// How many frames were heard with each action, spectral neighbours counted by their share, old ones less.
 pub type Heard<const ACTIONS: usize> = [f32; ACTIONS];
@@ -63,9 +66,10 @@ pub fn uniform(rng: &mut impl Rng) -> f32 {
     ((rng.next_u32() >> 8) as f32 + 1.0) / 16_777_216.0
 }
 
-/// `wanted` distinct actions (two at least) drawn from the policy without replacement, `keep` always among them.
+/// `wanted` distinct actions (two at least) drawn without replacement, half from the policy and half from all alike, so that
+/// none is without a fresh plan for long; `keep` always among them.
 ///
-/// Exponential race: the smallest -ln(u) / pi win, which has the distribution of successive draws.
+/// Exponential race: the smallest -ln(u) / (pi + 1 / count) win, which has the distribution of successive draws.
 pub fn planned_set<const ACTIONS: usize>(
     policy: &[f32; ACTIONS],
     allowed: &Allowed<ACTIONS>,
@@ -73,10 +77,11 @@ pub fn planned_set<const ACTIONS: usize>(
     keep: [usize; 2],
     rng: &mut impl Rng,
 ) -> [bool; ACTIONS] {
+    let any = 1.0 / larger(allowed.iter().filter(|allowed| **allowed).count() as f32, 1.0);
     let mut arrival = [f32::INFINITY; ACTIONS];
     let draws = arrival.iter_mut().zip(policy).enumerate().zip(allowed).filter(is_allowed);
     for ((action, (time, &p)), _) in draws {
-        *time = -ln(uniform(rng)) / larger(p, 1e-30);
+        *time = -ln(uniform(rng)) / (p + any);
         if keep.contains(&action) {
             *time = -1.0;
         }
@@ -101,16 +106,19 @@ pub fn planned_set<const ACTIONS: usize>(
 }
 
 /// The action to hold: the one worth most, caution taken off, but the present one where that is not worth enough more.
+/// Where much less is known of the position than usual, by `disturbance_nat`, there is little to lose, and no caution.
 pub fn settle<const ACTIONS: usize>(
     values: &ActionValues<ACTIONS>,
     allowed: &Allowed<ACTIONS>,
     heard: &Heard<ACTIONS>,
     present: usize,
     choice: &Choice,
+    disturbance_nat: f32,
 ) -> usize {
+    let caution_nat = choice.caution_nat * limited(DISTURBED_NAT - disturbance_nat, 0.0, 1.0);
     let mut best = (present, values.get(present) + choice.hysteresis_nat);
     for (((action, value), &heard), &allowed) in values.values().iter().enumerate().zip(heard).zip(allowed) {
-        let trusted = value - choice.caution_nat / (1.0 + heard);
+        let trusted = value - caution_nat / (1.0 + heard);
         if allowed && action != present && trusted > best.1 {
             best = (action, trusted);
         }
@@ -190,10 +198,10 @@ mod tests {
         let pi = policy(&values, &all, 0.1);
         let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, caution_nat: 0.0 };
         let known = [1e3; 4];
-        assert_eq!(settle(&values, &all, &known, 0, &still), 0);
+        assert_eq!(settle(&values, &all, &known, 0, &still, 0.0), 0);
         assert_eq!(explore(&values, &pi, &all, 0, &still, &mut rng), None);
         let keen = Choice { hysteresis_nat: 0.0, ..still };
-        assert_eq!(settle(&values, &all, &known, 0, &keen), 2);
+        assert_eq!(settle(&values, &all, &known, 0, &keen, 0.0), 2);
         let curious = Choice { exploration: 1.0, ..still };
         let mut seen = [false; 4];
         for _ in 0..200 {
@@ -213,9 +221,12 @@ mod tests {
         let pi = policy(&values, &all, 0.1);
         let choice =
             Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, caution_nat: 0.5 };
-        let settled = |heard: f32| settle(&values, &all, &[heard; 4], 0, &choice);
+        let settled = |heard: f32| settle(&values, &all, &[heard; 4], 0, &choice, 0.0);
         // 0.3 - 0.5 / (1 + n) > 0.05 from n = 1 on.
         assert_eq!([settled(0.0), settled(0.9), settled(1.1)], [0, 0, 2]);
+        // 0.3 - 0.5 (2 - d) > 0.05 from d = 1.5 on.
+        let disturbed = |nat: f32| settle(&values, &all, &[0.0; 4], 0, &choice, nat);
+        assert_eq!([disturbed(-3.0), disturbed(1.45), disturbed(1.55), disturbed(9.0)], [0, 0, 2, 2]);
         let tried = (0..4000).filter(|_| {
             let tried = explore(&values, &pi, &all, 0, &choice, &mut rng);
             assert!(tried.is_none_or(|action| action == 2));

@@ -67,11 +67,13 @@ impl<const ACTIONS: usize> ActionValues<ACTIONS> {
         }
     }
 
-    /// Makes values relative to another action, whose own becomes 0.
-    pub fn relate_to(&mut self, action: usize) {
+    /// Makes the values of all actions allowed relative to one of them, whose own becomes 0.
+    pub fn relate_to(&mut self, action: usize, allowed: &Allowed<ACTIONS>) {
         let reference = self.get(action);
-        for value in &mut self.values {
-            *value -= reference;
+        for (value, &allowed) in self.values.iter_mut().zip(allowed) {
+            if allowed {
+                *value -= reference;
+            }
         }
     }
 

@@ -50,6 +50,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             pulse_shape: self.config.radio.pulse_shape,
             threshold: self.estimator.threshold(),
         };
+        self.roll.enter(|anchor| scans.iter().any(|scan| scan.anchor == anchor));
         let sources = visible(&self.anchors, &self.environment, &self.filter, tag_height_m);
         let is_common = self.controllers.len() == 1;
         for index in 0..self.controllers.len() {
@@ -62,6 +63,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let own = scans.iter().filter(|scan| is_own(scan.anchor));
             let framed = own.clone().find(|scan| scan.framed);
             let heard = own.count() > 0;
+            let called = is_common && self.roll.calls(self.anchors.len());
             // The reward belongs to the action received with, which need not be the one that was asked for.
             let applied = framed.map_or(controller.action_index(), |scan| scan.action);
             // While the tag is looked for, no measurement is taken: what a cycle earns then says nothing of its action.
@@ -73,7 +75,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             });
             let given = scene.expect(others);
             let visible = sources.clone().filter(|sight| is_own(sight.source.anchor()));
-            controller.decide(&Outcome { applied, earned, heard }, &scene, visible, &given);
+            controller.decide(&Outcome { applied, earned, heard, called }, &scene, visible, &given);
             if index == 0 {
                 report.action = applied;
             }

@@ -14,6 +14,7 @@ use self::receive::build_estimator;
 use crate::anchor::{Anchor, MappedVirtualAnchor};
 use crate::config::Config;
 use crate::controller::Controller;
+use crate::controller::hop::Roll;
 use crate::controller::library::{Action, Library};
 use crate::error::{Error, Setting};
 use crate::memory::channel::ChannelMemory;
@@ -51,6 +52,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     library: Library<ACTIONS>,
     /// One for each anchor, or one for all.
     controllers: Vec<Controller<ACTIONS>, ANCHORS>,
+    roll: Roll<ANCHORS>,
     /// Mean number of measurements per scan that belong to nothing known.
     unexplained: [f32; ANCHORS],
     last_sequence: [Option<u32>; ANCHORS],
@@ -132,6 +134,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             loss: LossMonitor::default(),
             library,
             controllers,
+            roll: Roll::default(),
             unexplained: [unexplained; ANCHORS],
             last_sequence: [None; ANCHORS],
         })
@@ -291,9 +294,16 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// [`ChannelMemory::tell`].
     ///
     /// # Errors
-    /// A SINR that is not finite, or not one per action; nothing is told then.
+    /// A SINR that is negative or not finite, or not one per action, or a source that there is not; nothing is told then.
     pub fn tell_channel(&mut self, source: Source, sinr: &[f32]) -> Result<(), Error> {
-        if sinr.len() != self.library().len() || !sinr.iter().all(|sinr| sinr.is_finite()) {
+        let is_sinr = |sinr: &f32| *sinr >= 0.0 && sinr.is_finite();
+        let is_there = match source {
+            Source::Direct { anchor } => anchor < self.anchors.len(),
+            Source::Virtual { anchor, slot } => {
+                self.environment.get(slot).is_some_and(|record| record.anchor == anchor)
+            }
+        };
+        if sinr.len() != self.library().len() || !sinr.iter().all(is_sinr) || !is_there {
             return Err(Error::ToldSinr);
         }
         self.channel.tell(source, sinr);
@@ -339,6 +349,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     pub fn hash(&self) -> u64 {
         let mut hash = TraceHash::default();
         hash.word(self.cycle);
+        self.roll.lost().iter().for_each(|lost| hash.word(*lost));
+        hash.word(u32::from(self.channel.is_full_band()));
         for controller in &self.controllers {
             controller.words().into_iter().for_each(|word| hash.word(word));
         }
@@ -361,6 +373,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let (values, policy) = (controller.values().values(), controller.policy());
             values.iter().chain(policy).chain(controller.heard()).for_each(|v| hash.float(*v));
             hash.float(controller.planned_reward().unwrap_or(0.0));
+            hash.float(controller.usual_nat());
         }
         self.unexplained.iter().for_each(|v| hash.float(*v));
         for last in self.last_sequence {

@@ -197,7 +197,7 @@ const FIGURES: [Figure; 16] = [
 ];
 
 fn percent(share: f64) -> String {
-    format!("{:.1} %", 100.0 * share)
+    if share.is_finite() { format!("{:.1} %", 100.0 * share) } else { "-".into() }
 }
 
 /// What complex frames must reach; of magnitudes nothing was asked.

@@ -163,7 +163,8 @@ pub fn uniform<T: Real>(rng: &mut impl Rng) -> T {
     T::of_count((rng.next_u32() >> 8) as usize + 1) / T::of(16_777_216.0)
 }
 
-/// `wanted` actions drawn from the policy without replacement, those in `keep` first: the smallest -ln(u) / pi win.
+/// `wanted` actions drawn without replacement, half from the policy and half from all alike, those in `keep` first: the
+/// smallest -ln(u) / (pi + 1 / count) win.
 pub fn planned_set<T: Real>(
     policy: &[T],
     allowed: &[usize],
@@ -171,10 +172,11 @@ pub fn planned_set<T: Real>(
     keep: [usize; 2],
     rng: &mut impl Rng,
 ) -> Vec<usize> {
+    let any = T::ONE / T::of_count(allowed.len());
     let mut arrivals = Vec::new();
     for &c in allowed {
         // Order: an action that is kept draws its number all the same.
-        let time = -ln(uniform::<T>(rng)) / larger(policy[c], T::of(1e-30));
+        let time = -ln(uniform::<T>(rng)) / (policy[c] + any);
         arrivals.push((c, if keep.contains(&c) { T::of(-1.0) } else { time }));
     }
     let mut chosen = Vec::new();
@@ -329,6 +331,8 @@ pub struct Outcome<T> {
     pub earned: Option<T>,
     /// Whether anything was received.
     pub heard: bool,
+    /// Whether one of several anchors has to be met at the rendezvous.
+    pub called: bool,
 }
 
 /// The choice for one anchor, or for all.
@@ -343,6 +347,8 @@ pub struct Controller<T> {
     pub policy: Vec<T>,
     /// Frames heard by action, neighbours counted by their share, old ones less.
     pub heard: Vec<T>,
+    /// Entropy of the position in good times, nats; none before the first choice.
+    pub usual_nat: Option<T>,
     /// The action held.
     pub held: usize,
     /// The action chosen: the one held, or one that is tried.
@@ -369,6 +375,7 @@ impl<T: Real> Controller<T> {
             policy: policy(&values, &allowed, T::of(settings.choice.temperature_nat)),
             allowed,
             heard: vec![T::ZERO; capacity],
+            usual_nat: None,
             values,
             held: first,
             chosen: first,
@@ -382,7 +389,7 @@ impl<T: Real> Controller<T> {
     /// Learns from cycle number `cycle` and chooses the action of the next.
     pub fn decide(&mut self, cycle: u32, outcome: &Outcome<T>, prospect: &Prospect<'_, T>) {
         self.choose(cycle, outcome, prospect);
-        self.agree(outcome.heard);
+        self.agree(outcome);
     }
 
     fn choose(&mut self, cycle: u32, outcome: &Outcome<T>, prospect: &Prospect<'_, T>) {
@@ -428,24 +435,32 @@ impl<T: Real> Controller<T> {
         }
         self.policy = policy(&self.values, &self.allowed, temperature);
         let hysteresis = T::of(settings.choice.hysteresis_nat);
+        // Where less is known of the position than usual there is less caution.
+        let entropy = position_entropy_nat(&prospect.outlook.covariance);
+        let usual = self.usual_nat.unwrap_or(entropy);
+        let disturbance = entropy - usual;
+        let rate = if disturbance > T::ZERO { T::of(0.002) } else { T::of(0.05) };
+        self.usual_nat = Some(usual + rate * disturbance);
+        let calm = limited(T::of(2.0) - disturbance, T::ZERO, T::ONE);
+        let caution = T::of(settings.choice.caution_nat) * calm;
         let mut most = self.values[present] + hysteresis;
         for &c in &self.allowed {
-            let trusted = self.values[c] - T::of(settings.choice.caution_nat) / (T::ONE + self.heard[c]);
+            let trusted = self.values[c] - caution / (T::ONE + self.heard[c]);
             if c != present && trusted > most {
                 most = trusted;
                 self.held = c;
             }
         }
         let standard = self.values[self.held];
-        for value in &mut self.values {
-            *value -= standard;
+        for &c in &self.allowed {
+            self.values[c] -= standard;
         }
         let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
         let promising = best(&self.values, &self.allowed);
         let tried = if tries {
             draw(&self.policy, &self.allowed, &mut rng)
         } else if self.values[promising]
-            > self.values[self.held] + (hysteresis + T::of(0.2) * T::of(settings.choice.caution_nat))
+            > self.values[self.held] + (hysteresis + T::of(0.1) * T::of(settings.choice.caution_nat))
         {
             // What is not trusted yet is tried once in fifty cycles.
             (uniform::<T>(&mut rng) <= T::of(0.02)).then_some(promising)
@@ -457,15 +472,15 @@ impl<T: Real> Controller<T> {
     }
 
     /// The action that both ends use next: the one chosen, or where there is a rendezvous, the one announced a cycle ago.
-    fn agree(&mut self, received: bool) {
+    fn agree(&mut self, outcome: &Outcome<T>) {
         let Some(rendezvous) = self.settings.rendezvous else {
             self.action = self.chosen;
             return;
         };
-        if received {
+        if outcome.heard {
             self.silent_cycles = 0;
             self.action = self.announced;
-            self.announced = self.chosen;
+            self.announced = if outcome.called { rendezvous } else { self.chosen };
         } else {
             self.silent_cycles = self.silent_cycles.saturating_add(1);
             if self.silent_cycles >= 3 {

@@ -143,6 +143,8 @@ pub struct Reference<T> {
     pub loss: LossMonitor<T>,
     /// One for each anchor, or one for all.
     pub controllers: Vec<Controller<T>>,
+    /// Cycles in a row in which an anchor was not heard.
+    pub missing: Vec<u32>,
     /// Mean number of measurements per scan of unknown origin, by anchor.
     pub unexplained: Vec<T>,
     /// Last frame counter seen, by anchor.
@@ -192,6 +194,7 @@ impl<T: Real> Reference<T> {
         let mut reference = Self {
             config,
             controllers: (0..choices).map(controller).collect(),
+            missing: vec![0; capacity.anchors],
             capacity,
             anchors: anchors.to_vec(),
             library,
@@ -871,8 +874,16 @@ impl<T: Real> Reference<T> {
         let outlook = self.outlook(posterior, elapsed_s);
         let visible = self.visible(heights);
         let common = self.controllers.len() == 1;
+        for anchor in 0..self.missing.len() {
+            let answered = heard.iter().any(|associated| associated.scan.anchor == anchor);
+            self.missing[anchor] = if answered { 0 } else { self.missing[anchor].saturating_add(1) };
+        }
+        // From the third frame lost, and every 64 cycles after it, for five cycles.
+        let called =
+            common && self.missing[..self.anchors.len()].iter().any(|&lost| lost >= 3 && (lost - 3) % 64 < 5);
         for index in 0..self.controllers.len() {
-            let mut outcome = Outcome { applied: self.controllers[index].action, earned: None, heard: false };
+            let mut outcome =
+                Outcome { applied: self.controllers[index].action, earned: None, heard: false, called };
             let mut framed = false;
             for associated in heard {
                 if common || associated.scan.anchor == index {

@@ -38,7 +38,7 @@ pub struct Options {
     library: Option<Carriers>,
     /// Adds the main job's interferer (2 GHz wide at 7 GHz, from 0.35 to 0.75 of the way), so strong that it leaves the
     /// paths in use this median SINR, dB.
-    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, value_parser = median_sinr_db)]
     interference: Option<f64>,
     /// Draws what the controllers do over time into this folder: carrier, entropy, value and policy. All but the
     /// entropies are those of the first run.
@@ -152,6 +152,14 @@ fn draw(to: &Path, scenario: &str, comparisons: &[Comparison]) -> Result<Drawn, 
     Ok(Drawn { pictures: named.iter().map(write).collect::<Result<_, _>>()?, left_out })
 }
 
+/// What an interferer may leave.
+fn median_sinr_db(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(sinr_db) if (-60.0..=60.0).contains(&sinr_db) => Ok(sinr_db),
+        _ => Err("must be a number of decibels from -60 to 60".into()),
+    }
+}
+
 /// The bounds within which a scenario may have it.
 fn carrier_hz(text: &str) -> Result<f64, String> {
     match text.parse() {
@@ -195,7 +203,7 @@ fn print_figures(figures: &Figures) {
             row.information_gain_all_nat,
             metres(Some(row.rmse_m)),
             metres(Some(row.p90_m)),
-            row.diverged.len(),
+            row.diverged,
             row.switches_per_cycle,
             to_90_percent(row),
         ));

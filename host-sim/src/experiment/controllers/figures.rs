@@ -37,8 +37,10 @@ pub struct Row {
     pub rmse_m: f64,
     /// Mean over the runs of the 90 % quantile of the error, metres.
     pub p90_m: f64,
-    /// Seeds of the runs that lost the tag.
-    pub diverged: Vec<u64>,
+    /// Runs that lost the tag.
+    pub diverged: usize,
+    /// Their seeds.
+    pub diverged_seeds: Vec<u64>,
     /// Runs.
     pub runs: usize,
     /// Changes of the action per cycle.
@@ -65,7 +67,7 @@ impl Figures {
             judged_cycles: [judged.start, judged.end],
             controllers: rows
                 .into_iter()
-                .map(|row| Row { fraction_of_genie: row.information_gain_nat / genie_nat, ..row })
+                .map(|row| Row { fraction_of_genie: share(row.information_gain_nat, genie_nat), ..row })
                 .collect(),
         }
     }
@@ -92,6 +94,11 @@ impl Comparison {
     }
 }
 
+/// What a gain is of the genie's; not a number where the genie has nothing to gain.
+fn share(gain_nat: f64, genie_nat: f64) -> f64 {
+    if genie_nat > 1e-9 { gain_nat / genie_nat } else { f64::NAN }
+}
+
 fn row(controller: Controller, comparisons: &[Comparison]) -> Row {
     let own = || comparisons.iter().filter_map(|comparison| Some((comparison, comparison.of(controller)?)));
     let runs = own().count();
@@ -115,7 +122,8 @@ fn row(controller: Controller, comparisons: &[Comparison]) -> Row {
         fraction_of_genie: f64::NAN,
         rmse_m: mean(&rmse_m.iter().map(|rmse| rmse * rmse).collect::<Vec<_>>()).sqrt(),
         p90_m: mean(&p90_m),
-        diverged: own().filter(|(_, run)| run.score.diverged).map(|(one, _)| one.seed).collect(),
+        diverged: own().filter(|(_, run)| run.score.diverged).count(),
+        diverged_seeds: own().filter(|(_, run)| run.score.diverged).map(|(one, _)| one.seed).collect(),
         runs,
         switches_per_cycle: mean(&switches.collect::<Vec<_>>()),
         cycles_to_90_percent: slowest(&onsets),
@@ -161,6 +169,6 @@ mod tests {
         assert!((greedy.fraction_of_genie - 0.7).abs() < 1e-12 && greedy.information_gain_error_nat < 1e-12);
         assert_eq!((greedy.cycles_to_90_percent, genie.cycles_to_90_percent), (Some(3), Some(0)));
         assert!((greedy.switches_per_cycle - 0.05).abs() < 1e-12);
-        assert!((greedy.rmse_m - 0.125_f64.sqrt()).abs() < 1e-12 && greedy.diverged.is_empty());
+        assert!((greedy.rmse_m - 0.125_f64.sqrt()).abs() < 1e-12 && greedy.diverged == 0);
     }
 }

@@ -26,9 +26,9 @@ pub struct Onset {
     pub cycle: usize,
     /// The cycle at which the next one begins, or interference ends.
     pub until: usize,
-    /// Which actions it hits: those whose carrier is within half of its bandwidth of its own.
+    /// Which actions are hit: those whose carrier is within half of its bandwidth of that of one that begins here.
     pub hits: Vec<bool>,
-    /// Entropy of the position after each cycle with the action nearest to it held all the way, nats.
+    /// Entropy of the position after each cycle with the action nearest to the first of them held all the way, nats.
     pub held_nat: Vec<f64>,
 }
 
@@ -54,23 +54,25 @@ pub fn onsets(channel: &Channel, entropies_nat: impl Fn(&[Actions]) -> Vec<f64>)
         .filter(|(cycles, _)| !cycles.is_empty())
         .collect();
     interferers.sort_by_key(|(cycles, _)| cycles.start);
-    interferers.dedup_by_key(|(cycles, _)| cycles.start);
     let end = interferers.iter().map(|(cycles, _)| cycles.end).max().unwrap_or(0);
-    let begins: Vec<usize> = interferers.iter().map(|(cycles, _)| cycles.start).collect();
-    let onset = |(index, (cycles, interferer)): (usize, &(Range<usize>, &Interference))| {
-        let actions = &channel.receiver().actions;
-        let distances_hz: Vec<f64> =
-            actions.iter().map(|action| (action.carrier_hz - interferer.carrier_hz).abs()).collect();
-        let nearest = (0..actions.len()).min_by(|&a, &b| distances_hz[a].total_cmp(&distances_hz[b]));
-        let half_band_hz = 0.5 / interferer.pulse_duration_s;
+    let mut begins: Vec<usize> = interferers.iter().map(|(cycles, _)| cycles.start).collect();
+    begins.dedup();
+    let actions = &channel.receiver().actions;
+    let distance_hz = |action: usize, one: &Interference| (actions[action].carrier_hz - one.carrier_hz).abs();
+    let onset = |(index, &cycle): (usize, &usize)| {
+        let own: Vec<&Interference> =
+            interferers.iter().filter(|(cycles, _)| cycles.start == cycle).map(|(_, one)| *one).collect();
+        let is_hit = |action| own.iter().any(|one| distance_hz(action, one) <= 0.5 / one.pulse_duration_s);
+        let distance = |action: usize| own.first().map_or(0.0, |one| distance_hz(action, one));
+        let nearest = (0..actions.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
         Onset {
-            cycle: cycles.start,
+            cycle,
             until: begins.get(index + 1).copied().unwrap_or(end),
-            hits: distances_hz.iter().map(|distance_hz| *distance_hz <= half_band_hz).collect(),
+            hits: (0..actions.len()).map(is_hit).collect(),
             held_nat: entropies_nat(&vec![vec![nearest.unwrap_or(0)]; channel.poses().len()]),
         }
     };
-    interferers.iter().enumerate().map(onset).collect()
+    begins.iter().enumerate().map(onset).collect()
 }
 
 /// A controller's answers to all onsets, which must be as many in every run.
