@@ -3,6 +3,7 @@
 use cogmint_core::controller::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples};
+use cogmint_core::perceptor::state_filter::Source;
 use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
 
 type Small = Tracker<2, 4, 8, 40>;
@@ -404,4 +405,31 @@ fn each_anchor_keeps_to_the_actions_it_may_use() {
     let count = |used: &[bool]| used.iter().filter(|used| **used).count();
     assert!(count(&used[0]) == 3 && used[0][3..6].iter().all(|used| *used));
     assert!(count(&used[1]) > 10);
+}
+
+#[test]
+fn only_what_can_be_is_told() {
+    let mut tracker = tracker();
+    let hash = tracker.hash();
+    let sinr = [10.0; 40];
+    let anchor_0 = Source::Direct { anchor: 0 };
+    for source in [
+        Source::Direct { anchor: 2 },
+        Source::Virtual { anchor: 0, slot: 500 },
+        Source::Virtual { anchor: 1, slot: 0 },
+        Source::Virtual { anchor: 0, slot: 3 },
+    ] {
+        assert_eq!(tracker.tell_channel(source, &sinr), Err(Error::ToldSinr), "{source:?}");
+    }
+    for bad in [f32::NAN, f32::INFINITY, -1.0] {
+        let mut sinr = sinr;
+        sinr[7] = bad;
+        assert_eq!(tracker.tell_channel(anchor_0, &sinr), Err(Error::ToldSinr), "{bad}");
+    }
+    assert_eq!(tracker.tell_channel(anchor_0, &sinr[..39]), Err(Error::ToldSinr));
+    assert_eq!(tracker.hash(), hash);
+    // From here on it is a memory of the full band, which its hash tells.
+    tracker.tell_channel(anchor_0, &sinr).unwrap();
+    assert!(tracker.channel().is_full_band());
+    assert_ne!(tracker.hash(), hash);
 }

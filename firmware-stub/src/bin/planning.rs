@@ -97,9 +97,7 @@ fn outlook(feed: &mut File) -> Option<Outlook> {
     Some(Outlook {
         position_m: [x, y],
         velocity_m_s: [u, v],
-        covariance: Matrix4::new(
-            xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, 0.0, uu, 0.0, 0.0, 0.0, 0.0, vv,
-        ),
+        covariance: Matrix4::new(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, 0.0, uu, 0.0, 0.0, 0.0, 0.0, vv),
         elapsed_s,
         acceleration_std_m_s2,
         variance_inflation,

@@ -445,7 +445,8 @@ impl<T: Real> Controller<T> {
         let caution = T::of(settings.choice.caution_nat) * calm;
         let mut most = self.values[present] + hysteresis;
         for &c in &self.allowed {
-            let trusted = self.values[c] - caution / (T::ONE + self.heard[c]);
+            let unheard = T::ONE / (T::ONE + self.heard[c]);
+            let trusted = self.values[c] - caution * square(unheard);
             if c != present && trusted > most {
                 most = trusted;
                 self.held = c;
