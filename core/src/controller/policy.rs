@@ -18,14 +18,14 @@ pub struct Choice {
     pub exploration: f32,
     /// The best action replaces the present one only if it is worth this much more, nats.
     pub hysteresis_nat: f32,
-    /// What one that was never heard must be worth beyond that, nats (0 to 100); after n frames 1 / (1 + n)^2 of it. What is expected of it is a guess, and it is the best of many guesses that promises most.
+    /// What one that was never heard must be worth beyond that, nats (0 to 100); after n frames 1 / (1 + n)^4 of it. What is expected of it is a guess, and it is the best of many guesses that promises most.
     pub caution_nat: f32,
 }
 
 /// Probability per cycle of trying an action that promises more than the present one but is not trusted yet.
-const CURIOSITY: f32 = 0.02;
+const CURIOSITY: f32 = 0.1;
 /// Share of the caution that it must promise for that: less is not worth a cycle.
-const PROMISE: f32 = 0.1;
+const PROMISE: f32 = 0.25;
 
 /// Nats less than usual that are known of the position, from which on there is no caution; a nat before, it is whole.
 const DISTURBED_NAT: f32 = 2.0;
@@ -118,7 +118,8 @@ pub fn settle<const ACTIONS: usize>(
     let mut best = (present, values.get(present) + choice.hysteresis_nat);
     for (((action, value), &heard), &allowed) in values.values().iter().enumerate().zip(heard).zip(allowed) {
         let unheard = 1.0 / (1.0 + heard);
-        let trusted = value - caution_nat * (unheard * unheard);
+        let squared = unheard * unheard;
+        let trusted = value - caution_nat * (squared * squared);
         if allowed && action != present && trusted > best.1 {
             best = (action, trusted);
         }
@@ -222,8 +223,8 @@ mod tests {
         let choice =
             Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, caution_nat: 0.5 };
         let settled = |heard: f32| settle(&values, &all, &[heard; 4], 0, &choice, 0.0);
-        // 0.3 - 0.5 / (1 + n)^2 > 0.05 from n = 0.42 on.
-        assert_eq!([settled(0.0), settled(0.4), settled(0.45)], [0, 0, 2]);
+        // 0.3 - 0.5 / (1 + n)^4 > 0.05 from n = 0.19 on.
+        assert_eq!([settled(0.0), settled(0.18), settled(0.2)], [0, 0, 2]);
         // 0.3 - 0.5 (2 - d) > 0.05 from d = 1.5 on.
         let disturbed = |nat: f32| settle(&values, &all, &[0.0; 4], 0, &choice, nat);
         assert_eq!([disturbed(-3.0), disturbed(1.45), disturbed(1.55), disturbed(9.0)], [0, 0, 2, 2]);

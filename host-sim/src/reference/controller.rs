@@ -446,7 +446,7 @@ impl<T: Real> Controller<T> {
         let mut most = self.values[present] + hysteresis;
         for &c in &self.allowed {
             let unheard = T::ONE / (T::ONE + self.heard[c]);
-            let trusted = self.values[c] - caution * square(unheard);
+            let trusted = self.values[c] - caution * square(square(unheard));
             if c != present && trusted > most {
                 most = trusted;
                 self.held = c;
@@ -461,10 +461,10 @@ impl<T: Real> Controller<T> {
         let tried = if tries {
             draw(&self.policy, &self.allowed, &mut rng)
         } else if self.values[promising]
-            > self.values[self.held] + (hysteresis + T::of(0.1) * T::of(settings.choice.caution_nat))
+            > self.values[self.held] + (hysteresis + T::of(0.25) * T::of(settings.choice.caution_nat))
         {
-            // What is not trusted yet is tried once in fifty cycles.
-            (uniform::<T>(&mut rng) <= T::of(0.02)).then_some(promising)
+            // What is not trusted yet is tried once in ten cycles.
+            (uniform::<T>(&mut rng) <= T::of(0.1)).then_some(promising)
         } else {
             None
         };
