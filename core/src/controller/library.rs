@@ -31,12 +31,6 @@ pub const LIBRARY_DW1000: [Action; 6] = [
     Action { carrier_hz: 6.4896e9, pulse_duration_s: 1.1e-9 },
 ];
 
-/// Channels 5 and 9 of the DW3000.
-pub const LIBRARY_DW3000: [Action; 2] = [
-    Action { carrier_hz: 6.4896e9, pulse_duration_s: 2.0e-9 },
-    Action { carrier_hz: 7.9872e9, pulse_duration_s: 2.0e-9 },
-];
-
 /// Channels 0 to 15 of IEEE 802.15.4 HRP UWB, with the pulse of each one's bandwidth.
 pub const LIBRARY_HRP: [Action; 16] = [
     Action { carrier_hz: 0.4992e9, pulse_duration_s: 2.0e-9 },
@@ -58,12 +52,22 @@ pub const LIBRARY_HRP: [Action; 16] = [
 ];
 
 /// Of those, the 500 MHz channels that the European Union allows without mitigation: 5, 6, 8, 9.
-pub const LIBRARY_HRP_EUROPE: [Action; 4] = [
-    Action { carrier_hz: 6.4896e9, pulse_duration_s: 2.0e-9 },
-    Action { carrier_hz: 6.9888e9, pulse_duration_s: 2.0e-9 },
-    Action { carrier_hz: 7.4880e9, pulse_duration_s: 2.0e-9 },
-    Action { carrier_hz: 7.9872e9, pulse_duration_s: 2.0e-9 },
-];
+pub const LIBRARY_HRP_EUROPE: [Action; 4] = channels([5, 6, 8, 9]);
+
+/// Channels 5 and 9 of the DW3000.
+pub const LIBRARY_DW3000: [Action; 2] = channels([5, 9]);
+
+/// Evaluated at compile time, where an index out of bounds would be a compile error.
+#[allow(clippy::indexing_slicing)]
+const fn channels<const N: usize>(channels: [usize; N]) -> [Action; N] {
+    let mut actions = [LIBRARY_HRP[0]; N];
+    let mut i = 0;
+    while i < N {
+        actions[i] = LIBRARY_HRP[channels[i]];
+        i += 1;
+    }
+    actions
+}
 
 /// Evaluated at compile time, where an index out of bounds would be a compile error.
 #[allow(clippy::indexing_slicing)]
@@ -185,8 +189,8 @@ mod tests {
             let multiple = library.get(channel).unwrap().carrier_hz / 499.2e6;
             assert!((multiple - multiple.round()).abs() < 1e-4, "channel {channel}");
         }
-        for (action, channel) in LIBRARY_HRP_EUROPE.iter().zip([5, 6, 8, 9]) {
-            assert_eq!(*action, LIBRARY_HRP[channel]);
+        assert_eq!(LIBRARY_DW3000.map(|action| action.carrier_hz), [6.4896e9, 7.9872e9]);
+        for action in LIBRARY_HRP_EUROPE {
             assert!(action.carrier_hz - 249.6e6 > 6.0e9 && action.carrier_hz + 249.6e6 < 8.5e9);
         }
     }

@@ -18,7 +18,8 @@ pub struct Choice {
     pub exploration: f32,
     /// The best action replaces the present one only if it is worth this much more, nats.
     pub hysteresis_nat: f32,
-    /// What one that was never heard must be worth beyond that, nats (0 to 100); after n frames 1 / (1 + n)^4 of it. What is expected of it is a guess, and it is the best of many guesses that promises most.
+    /// What one that was never heard must be worth beyond that, nats (0 to 100); after n frames 1 / (1 + n)^4 of it. What is
+    /// expected of it is a guess, and it is the best of many guesses that promises most.
     pub caution_nat: f32,
 }
 
