@@ -68,6 +68,9 @@ pub struct Radio {
     pub samples_per_frame: usize,
     /// Full scale of the converter in the unit of the samples, if it has one: frames that reach it are refused.
     pub full_scale: Option<f32>,
+    /// Whether the receiver scales every frame as it likes (automatic gain control), so that only what is compared within a
+    /// frame means something.
+    pub gain_control: bool,
     /// False paths per frame in pure noise (1e-4 to 10). More finds weaker paths and more phantoms.
     pub false_paths_per_frame: f32,
 }
@@ -80,7 +83,7 @@ pub struct ControllerSettings {
     pub reward: Reward,
     /// Learning rate and discount.
     pub learning: Learning,
-    /// Temperature, exploration, hysteresis, caution.
+    /// Temperature, exploration, hysteresis.
     pub choice: Choice,
     /// Actions planned per cycle (0: none, the radio then never leaves its action; as many as the library has, or more: all).
     pub planned_actions: usize,
@@ -186,17 +189,13 @@ impl Default for Config {
                 sample_spacing_s: 0.25e-9,
                 samples_per_frame: 400,
                 full_scale: None,
+                gain_control: false,
                 false_paths_per_frame: 0.1,
             },
             controller: ControllerSettings {
                 reward: Reward::InformationGain,
                 learning: Learning { rate: 0.5, experience_rate: 0.02, discount: 0.5, bootstrap: false },
-                choice: Choice {
-                    temperature_nat: 0.1,
-                    exploration: 0.001,
-                    hysteresis_nat: 0.01,
-                    caution_nat: 1.0,
-                },
+                choice: Choice { temperature_nat: 0.1, exploration: 0.001, hysteresis_nat: 0.01 },
                 planned_actions: 20,
                 horizon: 1,
                 first_action: 0,
@@ -274,7 +273,6 @@ impl Config {
         within(controller.choice.temperature_nat, 1e-3, 100.0, Setting::Temperature)?;
         within(controller.choice.exploration, 0.0, 1.0, Setting::Exploration)?;
         within(controller.choice.hysteresis_nat, 0.0, 100.0, Setting::Hysteresis)?;
-        within(controller.choice.caution_nat, 0.0, 100.0, Setting::Caution)?;
         within(controller.planned_actions as f32, 0.0, 1e3, Setting::PlannedActions)?;
         within(controller.horizon as f32, 1.0, LONGEST_HORIZON as f32, Setting::Horizon)?;
         within(controller.prior_sinr, 0.01, 1e6, Setting::PriorSinr)?;

@@ -155,7 +155,6 @@ pub enum Setting {
     Temperature,
     Exploration,
     Hysteresis,
-    Caution,
     PlannedActions,
     Horizon,
     PriorSinr,

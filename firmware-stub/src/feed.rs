@@ -141,6 +141,7 @@ impl Feed {
         config.radio.sample_spacing_s = self.float()?;
         config.radio.pulse_shape = self.pulse_shape()?;
         config.radio.samples_per_frame = self.count()?;
+        config.radio.gain_control = self.word()? != 0;
         config.controller.first_action = self.count()?;
         config.controller.planned_actions = self.count()?;
         let mut setup =

@@ -86,6 +86,7 @@ impl Setup {
         config.ranging.bias_mean_m = radio.range_bias_mean_m as f32;
         config.ranging.bias_std_m = radio.range_bias_std_m as f32;
         config.radio.pulse_shape = pulse_shape(radio);
+        config.radio.gain_control = radio.gain_control;
         if let Some(spacing) = radio.sample_spacing_s {
             config.radio.sample_spacing_s = spacing as f32;
         }

@@ -62,6 +62,7 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
         }
     }
     feed.count(config.radio.samples_per_frame);
+    feed.word(u32::from(config.radio.gain_control));
     feed.count(config.controller.first_action);
     feed.count(config.controller.planned_actions);
     for anchor in &setup.anchors {

@@ -509,9 +509,6 @@ impl Comparison {
             for (action, (a, b)) in ours.policy().iter().zip(&theirs.policy).enumerate() {
                 self.float(stage, format_args!("policy {index} of action {action}"), *a, *b);
             }
-            for (action, (a, b)) in ours.heard().iter().zip(&theirs.heard).enumerate() {
-                self.float(stage, format_args!("frames {index} heard with action {action}"), *a, *b);
-            }
             for ((name, a), b) in names.iter().zip(ours.words()).zip(theirs.words()) {
                 self.count(stage, format_args!("{name} ({index})"), a, b);
             }
@@ -584,9 +581,7 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     hash.float(reference.loss.doubt_nat);
     for controller in &reference.controllers {
         controller.values.iter().chain(&controller.policy).for_each(|value| hash.float(*value));
-        controller.heard.iter().for_each(|value| hash.float(*value));
         hash.float(controller.planned_reward.unwrap_or(0.0));
-        hash.float(controller.usual_nat.unwrap_or(0.0));
     }
     reference.unexplained.iter().for_each(|value| hash.float(*value));
     for last in &reference.last_sequence {
@@ -788,6 +783,7 @@ mod tests {
                 pulse_duration_s: 0.5e-9,
                 roll_off: 0.6,
                 sampled_pulse: None,
+                gain_control: false,
                 sample_spacing_s: Some(SPACING_S),
                 range_std_m: 0.02,
                 range_bias_mean_m: 0.0,

@@ -468,6 +468,7 @@ mod tests {
     use crate::Config;
     use crate::anchor::Anchor;
     use crate::controller::library::LIBRARY_PUBLISHED;
+    use crate::memory::channel::Change;
     use crate::perceptor::association::Measurement;
     use crate::perceptor::state_filter::Source;
     use crate::pulse::PulseShape;
@@ -512,10 +513,10 @@ mod tests {
     /// What the memory holds of an anchor seen at this SINR.
     fn see(memory: &mut Memory, anchor: usize, sinr: f32) {
         let path = Measurement { range_m: 1.0, variance_m2: 1e-4, sinr, energy: 1.0, false_alarm: 1.0 };
-        for _ in 0..200 {
-            let shares = memory.shares(ACTION, &library());
-            memory.remember(Source::Direct { anchor }, ACTION, &shares, &path, 1.0);
-        }
+        let (source, change) = (Source::Direct { anchor }, Change::default());
+        let shares = memory.shares(ACTION, &library());
+        memory.remember(source, ACTION, (&path, 1.0), &change);
+        memory.remember_noise(source, ACTION, &shares, (1.0, 1.0 / sinr), &change);
     }
 
     /// A position without velocity, which prediction leaves as it is.

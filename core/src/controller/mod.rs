@@ -16,18 +16,10 @@ use crate::config::ControllerSettings;
 use hop::Hop;
 use library::Allowed;
 use planning::{Ahead, Horizon, Scene, Visible};
-use policy::{Heard, explore, planned_set, policy, settle};
+use policy::{explore, planned_set, policy, settle};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use value::ActionValues;
-
-/// What is left after a cycle of every frame counted, after some 34 cycles half: the tag moves on, and what was heard was
-/// heard elsewhere.
-const AGEING: f32 = 0.98;
-
-/// How fast the usual entropy of the position follows the present one, down and up.
-const USUAL_FALL: f32 = 0.05;
-const USUAL_RISE: f32 = 0.002;
 
 /// What has become of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,9 +43,6 @@ pub struct Controller<const ACTIONS: usize> {
     decisions: u32,
     values: ActionValues<ACTIONS>,
     policy: [f32; ACTIONS],
-    heard: Heard<ACTIONS>,
-    /// Entropy of the position in good times, nats; infinite before the first cycle.
-    usual_nat: f32,
     /// The action held; the one chosen differs from it while another is tried.
     held: usize,
     chosen: usize,
@@ -77,8 +66,6 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             seed,
             decisions: 0,
             policy,
-            heard: [0.0; ACTIONS],
-            usual_nat: f32::INFINITY,
             values,
             held: first,
             chosen: first,
@@ -122,12 +109,6 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         {
             self.values.correct(self.chosen, earned - planned, &settings.learning);
         }
-        if outcome.heard {
-            let shares = scene.shares(outcome.applied);
-            for (heard, share) in self.heard.iter_mut().zip(shares) {
-                *heard = *heard * AGEING + share;
-            }
-        }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
         let alternatives = self.allowed.iter().filter(|allowed| **allowed).count();
         if settings.planned_actions == 0 || alternatives < 2 {
@@ -135,7 +116,6 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         }
         let keep = [self.held, self.values.best(&self.allowed)];
         let planned = planned_set(&self.policy, &self.allowed, settings.planned_actions, keep, &mut rng);
-        let disturbance_nat = self.disturbance_nat(scene.entropy_nat());
         let rewards = scene.plan(&planned, visible, given);
         let reward = |action: usize| rewards.get(action).copied().unwrap_or(0.0);
         let present = reward(self.held);
@@ -143,31 +123,12 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.values.learn(action, reward(action) - present, &self.policy, &settings.learning);
         }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
-        self.held =
-            settle(&self.values, &self.allowed, &self.heard, self.held, &settings.choice, disturbance_nat);
+        self.held = settle(&self.values, &self.allowed, self.held, &settings.choice);
         self.values.relate_to(self.held, &self.allowed);
-        self.chosen =
-            explore(&self.values, &self.policy, &self.allowed, self.held, &settings.choice, &mut rng)
-                .unwrap_or(self.held);
+        self.chosen = explore(&self.policy, &self.allowed, &settings.choice, &mut rng).unwrap_or(self.held);
         // Exploration may take an action that was not planned.
         let known = planned.get(self.chosen).copied().unwrap_or(false);
         self.planned_reward = known.then(|| reward(self.chosen));
-    }
-
-    /// By how much less is known of the position than usual, nats.
-    fn disturbance_nat(&mut self, entropy_nat: f32) -> f32 {
-        if !self.usual_nat.is_finite() {
-            self.usual_nat = entropy_nat;
-        }
-        let disturbance_nat = entropy_nat - self.usual_nat;
-        let rate = if disturbance_nat > 0.0 { USUAL_RISE } else { USUAL_FALL };
-        self.usual_nat += rate * disturbance_nat;
-        disturbance_nat
-    }
-
-    /// The entropy of the position in good times, nats; 0 before the first choice.
-    pub fn usual_nat(&self) -> f32 {
-        if self.usual_nat.is_finite() { self.usual_nat } else { 0.0 }
     }
 
     /// How far and for what it plans.
@@ -237,11 +198,6 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     /// The action values.
     pub fn values(&self) -> &ActionValues<ACTIONS> {
         &self.values
-    }
-
-    /// How many frames were heard with each action or its spectral neighbours.
-    pub fn heard(&self) -> &Heard<ACTIONS> {
-        &self.heard
     }
 
     /// The policy: probabilities of the actions.

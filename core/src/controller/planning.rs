@@ -10,9 +10,8 @@
 
 use super::library::Library;
 use super::reward::{Reward, reward};
-use crate::information::entropy::{position_block, position_entropy_nat};
 use crate::information::fisher::{PositionInformation, range_slope};
-use crate::memory::channel::{ChannelMemory, Shares};
+use crate::memory::channel::ChannelMemory;
 use crate::perceptor::association::missed_odds;
 use crate::perceptor::state_filter::{Source, predict_agent};
 use crate::pulse::{Pulse, PulseShape};
@@ -144,16 +143,6 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
         }
         self.plan_batch(&batch, visible, given, &mut rewards);
         rewards
-    }
-
-    /// Entropy of the position it starts from, nats.
-    pub fn entropy_nat(&self) -> f32 {
-        position_entropy_nat(&position_block(&self.outlook.covariance))
-    }
-
-    /// What a frame received with `action` tells of every action.
-    pub fn shares(&self, action: usize) -> Shares<ACTIONS> {
-        self.memory.shares(action, self.library)
     }
 
     /// What each of these sources will tell with its action.

@@ -5,7 +5,7 @@
 
 use super::library::Allowed;
 use super::value::ActionValues;
-use crate::real::{exp, larger, limited, ln};
+use crate::real::{exp, larger, ln};
 use rand_core::Rng;
 
 /// How the next action is drawn.
@@ -18,21 +18,7 @@ pub struct Choice {
     pub exploration: f32,
     /// The best action replaces the present one only if it is worth this much more, nats.
     pub hysteresis_nat: f32,
-    /// What one that was never heard must be worth beyond that, nats (0 to 100); after n frames 1 / (1 + n)^4 of it. What is
-    /// expected of it is a guess, and it is the best of many guesses that promises most.
-    pub caution_nat: f32,
 }
-
-/// Probability per cycle of trying an action that promises more than the present one but is not trusted yet.
-const CURIOSITY: f32 = 0.1;
-/// Share of the caution that it must promise for that: less is not worth a cycle.
-const PROMISE: f32 = 0.25;
-
-/// Nats less than usual that are known of the position, from which on there is no caution; a nat before, it is whole.
-const DISTURBED_NAT: f32 = 2.0;
-
-/// How many frames were heard with each action, spectral neighbours counted by their share, old ones less.
-pub type Heard<const ACTIONS: usize> = [f32; ACTIONS];
 
 /// pi = softmax(J / tau) with a floor, over the actions allowed; zero for the rest.
 pub fn policy<const ACTIONS: usize>(
@@ -105,44 +91,26 @@ pub fn planned_set<const ACTIONS: usize>(
     chosen
 }
 
-/// The action to hold: the one worth most, caution taken off, but the present one where that is not worth enough more.
-/// Where much less is known of the position than usual, by `disturbance_nat`, there is little to lose, and no caution.
+/// The action to hold: the one worth most, but the present one where that is not worth enough more.
 pub fn settle<const ACTIONS: usize>(
     values: &ActionValues<ACTIONS>,
     allowed: &Allowed<ACTIONS>,
-    heard: &Heard<ACTIONS>,
     present: usize,
     choice: &Choice,
-    disturbance_nat: f32,
 ) -> usize {
-    let caution_nat = choice.caution_nat * limited(DISTURBED_NAT - disturbance_nat, 0.0, 1.0);
-    let mut best = (present, values.get(present) + choice.hysteresis_nat);
-    for (((action, value), &heard), &allowed) in values.values().iter().enumerate().zip(heard).zip(allowed) {
-        let unheard = 1.0 / (1.0 + heard);
-        let squared = unheard * unheard;
-        let trusted = value - caution_nat * (squared * squared);
-        if allowed && action != present && trusted > best.1 {
-            best = (action, trusted);
-        }
-    }
-    best.0
+    let best = values.best(allowed);
+    if values.get(best) > values.get(present) + choice.hysteresis_nat { best } else { present }
 }
 
-/// An action to try for one cycle: with probability epsilon one drawn from the policy; otherwise, now and then, the best,
-/// where only caution keeps the one `held` in its place.
+/// An action to try for one cycle: with probability epsilon one drawn from the policy.
 pub fn explore<const ACTIONS: usize>(
-    values: &ActionValues<ACTIONS>,
     policy: &[f32; ACTIONS],
     allowed: &Allowed<ACTIONS>,
-    held: usize,
     choice: &Choice,
     rng: &mut impl Rng,
 ) -> Option<usize> {
     if uniform(rng) > choice.exploration {
-        let best = values.best(allowed);
-        let enough = choice.hysteresis_nat + PROMISE * choice.caution_nat;
-        let promises = values.get(best) > values.get(held) + enough;
-        return (promises && uniform(rng) <= CURIOSITY).then_some(best);
+        return None;
     }
     let mut left = uniform(rng);
     for ((action, &p), _) in policy.iter().enumerate().zip(allowed).filter(is_allowed) {
@@ -198,45 +166,18 @@ mod tests {
         values.learn(2, 0.04, &[0.25; 4], &LEARNING);
         let all = [true; 4];
         let pi = policy(&values, &all, 0.1);
-        let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, caution_nat: 0.0 };
-        let known = [1e3; 4];
-        assert_eq!(settle(&values, &all, &known, 0, &still, 0.0), 0);
-        assert_eq!(explore(&values, &pi, &all, 0, &still, &mut rng), None);
+        let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05 };
+        assert_eq!(settle(&values, &all, 0, &still), 0);
+        assert_eq!(explore(&pi, &all, &still, &mut rng), None);
         let keen = Choice { hysteresis_nat: 0.0, ..still };
-        assert_eq!(settle(&values, &all, &known, 0, &keen, 0.0), 2);
+        assert_eq!(settle(&values, &all, 0, &keen), 2);
         let curious = Choice { exploration: 1.0, ..still };
         let mut seen = [false; 4];
         for _ in 0..200 {
-            if let Some(action) = explore(&values, &pi, &all, 0, &curious, &mut rng) {
+            if let Some(action) = explore(&pi, &all, &curious, &mut rng) {
                 seen[action] = true;
             }
         }
         assert_eq!(seen, [true; 4]);
-    }
-
-    #[test]
-    fn what_was_never_heard_is_tried_before_it_is_trusted() {
-        let mut rng = Xoshiro128PlusPlus::seed_from_u64(7);
-        let mut values = ActionValues::<4>::default();
-        values.learn(2, 0.3, &[0.25; 4], &LEARNING);
-        let all = [true; 4];
-        let pi = policy(&values, &all, 0.1);
-        let choice =
-            Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, caution_nat: 0.5 };
-        let settled = |heard: f32| settle(&values, &all, &[heard; 4], 0, &choice, 0.0);
-        // 0.3 - 0.5 / (1 + n)^4 > 0.05 from n = 0.19 on.
-        assert_eq!([settled(0.0), settled(0.18), settled(0.2)], [0, 0, 2]);
-        // 0.3 - 0.5 (2 - d) > 0.05 from d = 1.5 on.
-        let disturbed = |nat: f32| settle(&values, &all, &[0.0; 4], 0, &choice, nat);
-        assert_eq!([disturbed(-3.0), disturbed(1.45), disturbed(1.55), disturbed(9.0)], [0, 0, 2, 2]);
-        let tried = (0..4000).filter(|_| {
-            let tried = explore(&values, &pi, &all, 0, &choice, &mut rng);
-            assert!(tried.is_none_or(|action| action == 2));
-            tried.is_some()
-        });
-        let share = tried.count() as f32 / 4000.0;
-        assert!((share - CURIOSITY).abs() < 0.015, "{share}");
-        // Where it is trusted there is nothing to be curious about.
-        assert!((0..100).all(|_| explore(&values, &pi, &all, 2, &choice, &mut rng).is_none()));
     }
 }

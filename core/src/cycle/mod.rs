@@ -371,9 +371,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.loss.visit(|v| hash.float(v));
         for controller in &self.controllers {
             let (values, policy) = (controller.values().values(), controller.policy());
-            values.iter().chain(policy).chain(controller.heard()).for_each(|v| hash.float(*v));
+            values.iter().chain(policy).for_each(|v| hash.float(*v));
             hash.float(controller.planned_reward().unwrap_or(0.0));
-            hash.float(controller.usual_nat());
         }
         self.unexplained.iter().for_each(|v| hash.float(*v));
         for last in self.last_sequence {

@@ -1,19 +1,21 @@
 //! Channel memory: the SINR of every source (direct path or virtual anchor) at every action.
 //!
-//! Per source and action it keeps a forgetting mean of ln SINR, as the channel estimator saw it, and how many samples
-//! that rests on; per source their slow mean over all actions, the level, which is expected where nothing was heard. It
-//! is hopeful: it falls slower than it rises.
-//! A path observed with one action also tells of its spectral neighbours, in proportion to the fourth power of the overlap
-//! rho of the two pulses' spectra. Everything is compared at the carrier of the first action: by Friis's law a path
-//! loses as the carrier squared.
+//! What belongs to the place is kept apart from what belongs to the carrier. Per source: its energy (distance-compensated,
+//! |alpha|^2 d^2) and the level of noise and dense multipath where its path arrives; both change as the tag moves, for all
+//! actions alike, and are followed whichever is heard. Per source and action: by how much the noise exceeds that level there,
+//! which is interference. So when the tag walks behind something, no other carrier is expected to do better, and when an
+//! interferer comes, those are that it is not known to reach.
 //!
-//! A path that was not found has two explanations. Either its SINR was too low: what it would have been follows from
-//! the source's energy (distance-compensated, |alpha|^2 d^2) and the frame's own level of noise and interference, so an
-//! interferer is noticed in the first frame it disturbs. Or something hides the source: visibility is the state of a
-//! two-state Markov chain, and a miss that the SINR does not explain counts against it, not against the carrier.
+//! Which of the two has changed is told by the sources together: what comes suddenly and to all of an anchor's sources is
+//! interference; what comes slowly, or to one of them, is the place. A source heard with an action that was hardly used
+//! tells of that action; with a familiar one, of the place. Actions also tell of their spectral neighbours, in proportion to
+//! the fourth power of the overlap rho of the two pulses' spectra, and by Friis's law a path loses as the carrier squared:
+//! energies are compared at the carrier of the first action. A receiver with gain control scales every frame as it likes;
+//! the mean change of the energies found is then taken for the gain.
 //!
-//! While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn to go
-//! elsewhere.
+//! A path that was not found although the frame's own noise let it is hidden: visibility is the state of a two-state Markov
+//! chain. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn
+//! to go elsewhere.
 //!
 //! The published estimator, moments of the last 40 amplitudes, is not used: amplitudes that differ between carriers and
 //! places count as noise there, and after a few changes of the carrier it takes strong paths for lost ones.
@@ -21,83 +23,97 @@
 use crate::controller::library::Library;
 use crate::perceptor::association::Measurement;
 use crate::perceptor::state_filter::Source;
-use crate::real::{exp, larger, limited, ln};
+use crate::real::{abs, exp, larger, limited, ln};
 
-/// Ageing of every count per cycle: after some 140 cycles half is forgotten.
+/// Ageing of the counts of frames per cycle: after some 140 cycles half is forgotten.
 const AGEING: f32 = 0.995;
-/// Least weight of a new sample at its own action.
-const FORGETTING: f32 = 0.15;
-/// The same where a SINR follows from the frame's noise: that is a mean over many samples, and news.
-const NOISE_FORGETTING: f32 = 0.4;
-/// The same for the level over all actions, where it rises. It falls five times slower: interference comes and goes, and
-/// what is bad here and now is not expected elsewhere.
-const LEVEL_RISE: f32 = 0.01;
-const LEVEL_FALL: f32 = 0.002;
-/// Samples that the level counts for beside those of an action: a single sample deviates as much from an action's mean
-/// as actions do from the level.
-const LEVEL_COUNT: f32 = 1.0;
-/// Samples remembered at most, of an action and of the level.
+/// Frames remembered at most, of an action.
 const WINDOW: f32 = 40.0;
-const LEVEL_WINDOW: f32 = 500.0;
+/// How fast the energy of a source follows, and how many paths its mean begins with.
+const ENERGY_RATE: f32 = 0.15;
+const ENERGY_WINDOW: f32 = 40.0;
+/// How fast the level of noise of a source follows.
+const NOISE_RATE: f32 = 0.2;
+/// How fast its usual level follows that, down and up, and how far the place alone raises noise above the usual, as ln: what
+/// goes on rising beyond that, however slowly, is interference.
+const USUAL_FALL: f32 = 0.05;
+const USUAL_RISE: f32 = 0.01;
+const PLACE_LN: f32 = 0.7;
+/// How fast the excess of an action follows: a familiar one, how much faster an unknown one, and any one when
+/// interference comes or goes. This much is left of it after a frame.
+const EXCESS_RATE: f32 = 0.03;
+const EXCESS_NEWS: f32 = 0.5;
+const EXCESS_JUMP: f32 = 0.6;
+const EXCESS_AGEING: f32 = 0.995;
+/// Mean change of an anchor's noise, as ln, from which on it is interference in part, and over which it becomes so as a
+/// whole.
+const JUMP_LN: f32 = 0.6;
+const JUMP_WIDTH_LN: f32 = 0.4;
 /// Probability per cycle that a source hides, or comes out.
 const TURNING: f32 = 0.02;
+/// Bounds of ln SINR (1e-3 to 1e12).
+const LEAST_SINR_LN: f32 = -6.9;
+const MOST_SINR_LN: f32 = 27.6;
 
 /// How much a sample at one action tells of every action: 1 at its own, 0 to 1 at the others.
 pub type Shares<const ACTIONS: usize> = [f32; ACTIONS];
 
-/// What is known of one source at one action, or of its level.
+/// What has changed with a frame for all sources of its anchor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Heard {
-    /// Effective number of samples.
-    count: f32,
-    /// Mean of ln SINR, at the reference carrier.
-    sinr_ln: f32,
+pub struct Change {
+    /// ln of the power gain of the receiver, over that of before.
+    pub gain_ln: f32,
+    /// How far the noise has changed because interference came or went: 0 to 1.
+    pub jump: f32,
 }
 
-impl Heard {
-    /// Takes a sample into the mean; the first ones count in full.
-    fn enter(&mut self, sinr_ln: f32, share: f32, forgetting: f32, window: f32) {
-        let gain = larger(forgetting * share, share / (self.count + share + 1e-6));
-        self.sinr_ln += gain * (sinr_ln - self.sinr_ln);
-        self.count = self.count * (1.0 - share * (1.0 / window)) + share;
+impl Change {
+    /// That of a frame with this gain, whose noise deviates from what was expected by this mean over the sources, as ln.
+    pub fn new(gain_ln: f32, noise_ln: f32) -> Self {
+        Self { gain_ln, jump: limited((abs(noise_ln) - JUMP_LN) / JUMP_WIDTH_LN, 0.0, 1.0) }
     }
 }
 
 /// What is known of one source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Row<const ACTIONS: usize> {
-    /// Mean over all actions; its count is 0 until the source is seen.
-    level: Heard,
+    /// Paths that the energy rests on; 0 until the source is seen.
+    paths: f32,
     /// Mean of ln energy, at the reference carrier and one metre.
     energy_ln: f32,
+    /// ln of the square of its distance in the last frame, metres.
+    spread_ln: f32,
     /// Probability that nothing hides the source.
     visibility: f32,
-    actions: [Heard; ACTIONS],
+    /// ln of the level of noise where its path arrives, without interference; `None` before the first frame.
+    noise_ln: Option<f32>,
+    /// The level that is usual there, as ln.
+    usual_ln: f32,
+    /// By how much it is exceeded at an action.
+    excess_ln: [f32; ACTIONS],
 }
 
 impl<const ACTIONS: usize> Default for Row<ACTIONS> {
     fn default() -> Self {
         Self {
-            level: Heard::default(),
+            paths: 0.0,
             energy_ln: 0.0,
+            spread_ln: 0.0,
             visibility: 1.0,
-            actions: [Heard::default(); ACTIONS],
+            noise_ln: None,
+            usual_ln: 0.0,
+            excess_ln: [0.0; ACTIONS],
         }
     }
 }
 
 impl<const ACTIONS: usize> Row<ACTIONS> {
     fn is_seen(&self) -> bool {
-        self.level.count > 0.0
+        self.paths > 0.0
     }
 
-    /// Enters ln SINR at the reference carrier.
-    fn enter(&mut self, shares: &Shares<ACTIONS>, sinr_ln: f32, weight: f32, forgetting: f32) {
-        let is_better = sinr_ln > self.level.sinr_ln;
-        self.level.enter(sinr_ln, weight, if is_better { LEVEL_RISE } else { LEVEL_FALL }, LEVEL_WINDOW);
-        for (heard, share) in self.actions.iter_mut().zip(shares) {
-            heard.enter(sinr_ln, weight * share, forgetting, WINDOW);
-        }
+    fn excess_ln(&self, action: usize) -> f32 {
+        self.excess_ln.get(action).copied().unwrap_or(0.0)
     }
 }
 
@@ -106,6 +122,10 @@ impl<const ACTIONS: usize> Row<ACTIONS> {
 pub struct ChannelMemory<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> {
     direct: [Row<ACTIONS>; ANCHORS],
     virtual_anchors: [Row<ACTIONS>; VAS],
+    /// Effective number of frames of an anchor at an action, neighbours and age counted in.
+    heard: [[f32; ACTIONS]; ANCHORS],
+    /// ln of the power gain that the last frame of an anchor had over the first ones.
+    gain_ln: [f32; ANCHORS],
     prior_ln: f32,
     neighbours: bool,
     full_band: bool,
@@ -127,6 +147,8 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         Self {
             direct: [Row::default(); ANCHORS],
             virtual_anchors: [Row::default(); VAS],
+            heard: [[0.0; ACTIONS]; ANCHORS],
+            gain_ln: [0.0; ANCHORS],
             prior_ln: ln(prior_sinr),
             neighbours,
             full_band: false,
@@ -152,6 +174,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         self.loss_ln.get(action).copied().unwrap_or(0.0)
     }
 
+    /// How unfamiliar an action of an anchor is: 1 to 0.
+    fn news(&self, anchor: usize, action: usize) -> f32 {
+        1.0 / (1.0 + self.frames(anchor, action))
+    }
+
     /// What `action` tells of every action of the library.
     pub fn shares(&self, action: usize, library: &Library<ACTIONS>) -> Shares<ACTIONS> {
         let mut shares = [0.0; ACTIONS];
@@ -167,80 +194,120 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     pub fn age(&mut self) {
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors).filter(|row| row.is_seen()) {
             row.visibility += TURNING * (1.0 - 2.0 * row.visibility);
-            for heard in &mut row.actions {
-                heard.count *= AGEING;
-            }
+        }
+        for count in self.heard.iter_mut().flatten() {
+            *count *= AGEING;
         }
     }
 
-    /// Enters a path observed with `action`, whose `shares` these are, and believed to belong to `source` with
-    /// probability `weight`.
+    /// ln of the energy of a path found with `action`, over that expected of `source`; `None` if it was never seen.
+    pub fn energy_innovation_ln(&self, source: Source, action: usize, path: &Measurement) -> Option<f32> {
+        let row = self.row(source).filter(|row| row.is_seen())?;
+        Some(self.compensated_ln(action, path) - row.energy_ln)
+    }
+
+    /// ln of the level of noise in a frame received with `action` where the path of `source` arrives, over that expected;
+    /// `None` if none was ever received.
+    pub fn noise_innovation_ln(&self, source: Source, action: usize, level: f32) -> Option<f32> {
+        let row = self.row(source)?;
+        Some(level_ln(level) - (row.noise_ln? + row.excess_ln(action)))
+    }
+
+    /// ln of a path's energy, at the reference carrier and one metre.
+    fn compensated_ln(&self, action: usize, path: &Measurement) -> f32 {
+        level_ln(path.energy * (path.range_m * path.range_m)) + self.loss_ln(action)
+    }
+
+    /// Enters the level of noise (in squared units of the samples) in a frame received with `action`, whose `shares` these
+    /// are, where the path of `source` arrives if it is `range_m` long.
+    pub fn remember_noise(
+        &mut self,
+        source: Source,
+        action: usize,
+        shares: &Shares<ACTIONS>,
+        (range_m, level): (f32, f32),
+        change: &Change,
+    ) {
+        if self.full_band {
+            return;
+        }
+        let level_ln = level_ln(level) - change.gain_ln;
+        let news = self.news(source.anchor(), action);
+        // A virtual anchor begins with what disturbs the direct path of its anchor.
+        let excess_ln = self.direct.get(source.anchor()).map_or([0.0; ACTIONS], |direct| direct.excess_ln);
+        let Some(row) = self.row_mut(source) else { return };
+        row.spread_ln = ln(larger(range_m * range_m, 1e-6));
+        let noise_ln = match row.noise_ln {
+            Some(noise_ln) => noise_ln,
+            None => {
+                row.excess_ln = excess_ln;
+                row.usual_ln = level_ln - row.excess_ln(action);
+                row.usual_ln
+            }
+        };
+        let innovation = level_ln - (noise_ln + row.excess_ln(action));
+        let rate = larger(EXCESS_JUMP * change.jump, EXCESS_RATE + EXCESS_NEWS * news);
+        let noise_ln = noise_ln + NOISE_RATE * (1.0 - change.jump) * ((1.0 - rate) * innovation);
+        let above = larger(noise_ln - (row.usual_ln + PLACE_LN), 0.0);
+        let entered = rate * innovation + above;
+        for (excess, share) in row.excess_ln.iter_mut().zip(shares) {
+            *excess = EXCESS_AGEING * *excess + share * entered;
+        }
+        let noise_ln = noise_ln - above;
+        let usual = if noise_ln < row.usual_ln { USUAL_FALL } else { USUAL_RISE };
+        row.usual_ln += usual * (noise_ln - row.usual_ln);
+        row.noise_ln = Some(noise_ln);
+    }
+
+    /// Enters a path observed with `action`, and believed to belong to `source` with probability `weight`.
     pub fn remember(
         &mut self,
         source: Source,
         action: usize,
-        shares: &Shares<ACTIONS>,
-        path: &Measurement,
-        weight: f32,
+        (path, weight): (&Measurement, f32),
+        change: &Change,
     ) {
-        let (loss_ln, full_band) = (self.loss_ln(action), self.full_band);
+        let news = self.news(source.anchor(), action);
+        let energy_ln = self.compensated_ln(action, path) - change.gain_ln;
         let Some(row) = self.row_mut(source) else { return };
-        if !full_band {
-            row.enter(shares, ln(limited(path.sinr, 1e-3, 1e12)) + loss_ln, weight, FORGETTING);
-        }
-        // The level has counted this sample already.
-        let gain = larger(FORGETTING * weight, weight / larger(row.level.count, weight));
-        let energy = larger(path.energy * (path.range_m * path.range_m), 1e-30);
-        row.energy_ln += gain * (ln(energy) + loss_ln - row.energy_ln);
+        let innovation = energy_ln - row.energy_ln;
+        let gain = larger(ENERGY_RATE * (1.0 - news) * weight, weight / (row.paths + weight + 1e-6));
+        row.energy_ln += gain * innovation;
+        row.paths = row.paths * (1.0 - weight * (1.0 / ENERGY_WINDOW)) + weight;
     }
 
-    /// Enters that `source` was missed with probability `missed` in a frame received with `action`, where it would have
-    /// had this SINR and been found with probability `found`, had nothing hidden it.
-    pub fn remember_missed(
-        &mut self,
-        source: Source,
-        action: usize,
-        shares: &Shares<ACTIONS>,
-        (sinr, found): (f32, f32),
-        missed: f32,
-    ) {
-        let (loss_ln, full_band) = (self.loss_ln(action), self.full_band);
-        let Some(row) = self.row_mut(source) else { return };
-        if !row.is_seen() {
-            return;
-        }
-        let visible = row.visibility * (1.0 - found) / larger(1.0 - row.visibility * found, 1e-6);
-        row.visibility = 1.0 + missed * (visible - 1.0);
-        if missed > 0.5 && !full_band {
-            row.enter(shares, ln(limited(sinr, 1e-3, 1e12)) + loss_ln, missed * visible, NOISE_FORGETTING);
+    /// Enters that `source` was missed with probability `missed` in a frame where it would have been found with probability
+    /// `found`, had nothing hidden it.
+    pub fn remember_missed(&mut self, source: Source, found: f32, missed: f32) {
+        if let Some(row) = self.row_mut(source).filter(|row| row.is_seen()) {
+            let visible = row.visibility * (1.0 - found) / larger(1.0 - row.visibility * found, 1e-6);
+            row.visibility = 1.0 + missed * (visible - 1.0);
         }
     }
 
-    /// Enters the SINR that `source` would have in a frame received with `action`, by the frame's noise, where nobody knows
-    /// which path is whose.
-    pub fn remember_noise(&mut self, source: Source, action: usize, shares: &Shares<ACTIONS>, sinr: f32) {
-        let (loss_ln, full_band) = (self.loss_ln(action), self.full_band);
-        if let Some(row) = self.row_mut(source).filter(|row| row.is_seen() && !full_band) {
-            row.enter(shares, ln(limited(sinr, 1e-3, 1e12)) + loss_ln, 1.0, NOISE_FORGETTING);
+    /// Enters that a frame of an anchor was received, after what it told of its sources.
+    pub fn remember_frame(&mut self, anchor: usize, shares: &Shares<ACTIONS>, change: &Change) {
+        if let Some(gain_ln) = self.gain_ln.get_mut(anchor) {
+            *gain_ln = change.gain_ln;
+        }
+        let Some(heard) = self.heard.get_mut(anchor) else { return };
+        for (count, share) in heard.iter_mut().zip(shares) {
+            *count = *count * (1.0 - share * (1.0 / WINDOW)) + share;
         }
     }
 
     /// Tells the SINR (linear, 1e-3 to 1e12) of `source` at every action, and that nothing hides it.
     ///
     /// No radio can know this: it is the published offline condition, where records of the full band were at hand. From then
-    /// on the memory is one of the full band ([`Self::is_full_band`]): it believes what it is told and remembers nothing.
+    /// on the memory is one of the full band ([`Self::is_full_band`]): it believes what it is told.
     pub fn tell(&mut self, source: Source, sinr: &[f32]) {
         self.full_band = true;
-        let loss_ln = self.loss_ln;
         let Some(row) = self.row_mut(source) else { return };
         row.visibility = 1.0;
-        row.level = Heard { count: WINDOW, sinr_ln: 0.0 };
-        let mut sum = 0.0;
-        for ((heard, loss), &sinr) in row.actions.iter_mut().zip(loss_ln).zip(sinr) {
-            *heard = Heard { count: f32::MAX, sinr_ln: ln(limited(sinr, 1e-3, 1e12)) + loss };
-            sum += heard.sinr_ln;
+        row.paths = larger(row.paths, 1.0);
+        for (excess, &sinr) in row.excess_ln.iter_mut().zip(sinr) {
+            *excess = -ln(limited(sinr, 1e-3, 1e12));
         }
-        row.level.sinr_ln = sum / larger(sinr.len() as f32, 1.0);
     }
 
     /// Whether it was told what no radio can know.
@@ -260,9 +327,14 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         self.row(source).is_some_and(Row::is_seen)
     }
 
-    /// Effective number of samples known of `source` at `action`, neighbours and age counted in.
-    pub fn samples(&self, source: Source, action: usize) -> f32 {
-        self.row(source).and_then(|row| row.actions.get(action)).map_or(0.0, |heard| heard.count)
+    /// Effective number of frames of an anchor at `action`, neighbours and age counted in.
+    pub fn frames(&self, anchor: usize, action: usize) -> f32 {
+        self.heard.get(anchor).and_then(|heard| heard.get(action)).copied().unwrap_or(0.0)
+    }
+
+    /// ln of the power gain that the last frame of an anchor had over the first ones.
+    pub fn gain_ln(&self, anchor: usize) -> f32 {
+        self.gain_ln.get(anchor).copied().unwrap_or(0.0)
     }
 
     /// Probability that nothing hides `source`.
@@ -270,15 +342,19 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         self.row(source).map_or(1.0, |row| row.visibility)
     }
 
-    /// ln SINR expected of `source` at `action` where nothing hides it.
+    /// ln SINR expected of `source` at `action`, as far away as in the last frame, where nothing hides it.
     pub fn sinr_ln(&self, source: Source, action: usize) -> f32 {
         let loss_ln = self.loss_ln(action);
-        let heard = self.row(source).filter(|row| row.is_seen()).and_then(|row| {
-            let heard = row.actions.get(action)?;
-            let known = heard.count / (heard.count + LEVEL_COUNT);
-            Some(row.level.sinr_ln + known * (heard.sinr_ln - row.level.sinr_ln))
-        });
-        heard.unwrap_or(self.prior_ln) - loss_ln
+        let Some(row) = self.row(source).filter(|row| row.is_seen()) else {
+            return self.prior_ln - loss_ln;
+        };
+        let excess_ln = row.excess_ln(action);
+        if self.full_band {
+            return -excess_ln;
+        }
+        let noise_ln = row.noise_ln.unwrap_or(0.0) + excess_ln;
+        let sinr_ln = row.energy_ln - (row.spread_ln + loss_ln) - noise_ln;
+        limited(sinr_ln, LEAST_SINR_LN, MOST_SINR_LN)
     }
 
     /// SINR (linear) expected of `source` at `action` where nothing hides it.
@@ -287,25 +363,31 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 
     /// SINR (linear) that `source` would have with `action` `range_m` away over noise of this level (in squared units of
-    /// the samples) where nothing hides it; `None` if it was never seen, or is told anyway.
+    /// the samples of a frame with the gain of the last one) where nothing hides it; `None` if it was never seen, or is told anyway.
     pub fn sinr_over(&self, source: Source, action: usize, range_m: f32, level: f32) -> Option<f32> {
         let row = self.row(source).filter(|row| row.is_seen() && !self.full_band)?;
-        Some(exp(row.energy_ln - self.loss_ln(action)) / larger(level * (range_m * range_m), 1e-30))
+        let energy = exp(row.energy_ln + self.gain_ln(source.anchor()) - self.loss_ln(action));
+        Some(energy / larger(level * (range_m * range_m), 1e-30))
     }
 
-    /// Every number of the state, in a fixed order, for traces.
+    /// Every number of the state, in a fixed order, for traces; 0 for noise never received.
     pub fn visit(&self, mut f: impl FnMut(f32)) {
         for row in self.direct.iter().chain(&self.virtual_anchors) {
-            f(row.level.count);
-            f(row.level.sinr_ln);
+            f(row.paths);
             f(row.energy_ln);
+            f(row.spread_ln);
             f(row.visibility);
-            for heard in &row.actions {
-                f(heard.count);
-                f(heard.sinr_ln);
-            }
+            f(row.noise_ln.unwrap_or(0.0));
+            f(row.usual_ln);
+            row.excess_ln.iter().for_each(|value| f(*value));
         }
+        self.heard.iter().flatten().chain(&self.gain_ln).for_each(|value| f(*value));
     }
+}
+
+/// ln of a power in squared units of the samples, bounded.
+fn level_ln(level: f32) -> f32 {
+    ln(limited(level, 1e-30, 1e30))
 }
 
 #[cfg(test)]
@@ -318,19 +400,39 @@ mod tests {
     const SOURCE: Source = Source::Direct { anchor: 0 };
     type Memory = ChannelMemory<1, 1, 40>;
 
+    /// Level of noise in a quiet frame; a path of 100 times that is 2 m away.
+    const QUIET: f32 = 1e-3;
+
     fn path(sinr: f32) -> Measurement {
-        Measurement { range_m: 2.0, variance_m2: 1e-4, sinr, energy: sinr * 1e-3, false_alarm: 1.0 }
+        Measurement { range_m: 2.0, variance_m2: 1e-4, sinr, energy: sinr * QUIET, false_alarm: 1.0 }
+    }
+
+    /// A frame over noise of this level, with this path.
+    fn receive(
+        memory: &mut Memory,
+        library: &Library<40>,
+        action: usize,
+        level: f32,
+        path: Option<Measurement>,
+    ) {
+        let shares = memory.shares(action, library);
+        memory.age();
+        let change = Change::new(0.0, memory.noise_innovation_ln(SOURCE, action, level).unwrap_or(0.0));
+        if let Some(path) = &path {
+            memory.remember(SOURCE, action, (path, 1.0), &change);
+        }
+        memory.remember_noise(SOURCE, action, &shares, (2.0, level), &change);
+        let found = detection_probability(memory.sinr(SOURCE, action), 6.0);
+        memory.remember_missed(SOURCE, found, if path.is_some() { 0.0 } else { 1.0 });
+        memory.remember_frame(0, &shares, &change);
     }
 
     fn hear(memory: &mut Memory, library: &Library<40>, action: usize, sinr: f32) {
-        let shares = memory.shares(action, library);
-        memory.age();
-        memory.remember(SOURCE, action, &shares, &path(sinr), 1.0);
-        memory.remember_missed(SOURCE, action, &shares, (sinr, 0.9), 0.0);
+        receive(memory, library, action, QUIET, Some(path(sinr)));
     }
 
     #[test]
-    fn what_is_heard_is_expected_and_neighbours_share_it() {
+    fn what_is_heard_is_expected_and_everywhere_but_for_friis() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(1);
         let mut uniform = || (rng.next_u32() >> 8) as f32 / 16_777_216.0 + 3e-8;
@@ -340,10 +442,51 @@ mod tests {
             hear(&mut memory, &library, 20, 100.0 * (2.0 * uniform() - 1.0).exp());
         }
         assert!((memory.sinr_ln(SOURCE, 20) - 100_f32.ln()).abs() < 0.4);
-        // 100 MHz on: as much, less 2 ln(7.1 / 7.0) by Friis.
-        let step = memory.sinr_ln(SOURCE, 21) - memory.sinr_ln(SOURCE, 20);
-        assert!((step + 2.0 * (7.1_f32 / 7.0).ln()).abs() < 0.05, "{step}");
-        assert!(memory.samples(SOURCE, 21) > 20.0 && memory.samples(SOURCE, 39) < 0.1);
+        for (action, carrier_ghz) in [(21, 7.1_f32), (39, 8.9)] {
+            let step = memory.sinr_ln(SOURCE, action) - memory.sinr_ln(SOURCE, 20);
+            assert!((step + 2.0 * (carrier_ghz / 7.0).ln()).abs() < 1e-3, "{step}");
+        }
+        assert!(memory.frames(0, 21) > 20.0 && memory.frames(0, 39) < 0.1);
+    }
+
+    /// The tag walks behind something: energy falls by 30 dB within 60 frames. No other carrier is expected to do better.
+    #[test]
+    fn what_belongs_to_the_place_is_not_taken_for_the_carrier() {
+        let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
+        let mut memory = Memory::new(10.0, true, &library);
+        (0..60).for_each(|n| hear(&mut memory, &library, [20, 39][n % 2], 1e4));
+        let before = memory.sinr_ln(SOURCE, 39) - memory.sinr_ln(SOURCE, 20);
+        (0..60).for_each(|n| hear(&mut memory, &library, 20, 1e4 * 10_f32.powf(-0.05 * n as f32)));
+        let after = memory.sinr_ln(SOURCE, 39) - memory.sinr_ln(SOURCE, 20);
+        assert!((after - before).abs() < 1e-3 && memory.sinr(SOURCE, 20) < 100.0);
+        // Nor does noise that rises slowly and a little: by half a nat. Where it goes on, to 2.5 nats, it is interference.
+        let mut rise = |factor: f32, to: f32| {
+            for n in 0..100 {
+                receive(&mut memory, &library, 20, to * factor.powi(n - 99), Some(path(100.0)));
+            }
+            memory.sinr_ln(SOURCE, 39) - memory.sinr_ln(SOURCE, 20) - after
+        };
+        let (place, carrier) = (rise(1.005, 1.64 * QUIET), rise(1.02, 12.2 * QUIET));
+        assert!(place < 0.15 && carrier > 0.6, "{place} {carrier}");
+    }
+
+    /// A receiver that scales what it receives changes nothing.
+    #[test]
+    fn gain_is_no_noise() {
+        let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
+        let mut memory = Memory::new(10.0, true, &library);
+        (0..60).for_each(|_| hear(&mut memory, &library, 20, 100.0));
+        let before = memory.sinr_ln(SOURCE, 20);
+        let mut louder = path(100.0);
+        louder.energy *= 50.0;
+        let gain_ln = memory.energy_innovation_ln(SOURCE, 20, &louder).unwrap();
+        let noise_ln = memory.noise_innovation_ln(SOURCE, 20, QUIET * 50.0).unwrap();
+        assert!((gain_ln - 50_f32.ln()).abs() < 1e-3 && (noise_ln - gain_ln).abs() < 1e-3);
+        let change = Change::new(gain_ln, noise_ln - gain_ln);
+        let shares = memory.shares(20, &library);
+        memory.remember(SOURCE, 20, (&louder, 1.0), &change);
+        memory.remember_noise(SOURCE, 20, &shares, (2.0, QUIET * 50.0), &change);
+        assert!((memory.sinr_ln(SOURCE, 20) - before).abs() < 1e-3);
     }
 
     #[test]
@@ -351,8 +494,8 @@ mod tests {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
         let mut memory = Memory::new(10.0, false, &library);
         hear(&mut memory, &library, 20, 100.0);
-        assert_eq!(memory.samples(SOURCE, 21), 0.0);
-        assert!(memory.samples(SOURCE, 20) > 0.9);
+        assert_eq!(memory.frames(0, 21), 0.0);
+        assert!(memory.frames(0, 20) > 0.9);
     }
 
     /// Where nothing was ever heard, the prior over Friis's loss: 2 ln(7.9872 / 6.4896) nats between these two.
@@ -374,17 +517,21 @@ mod tests {
         let mut memory = Memory::new(10.0, true, &library);
         (0..60).for_each(|n| hear(&mut memory, &library, [20, 39][n % 2], 100.0));
         let (jammed, quiet) = (memory.sinr_ln(SOURCE, 20), memory.sinr_ln(SOURCE, 39));
-        let shares = memory.shares(20, &library);
-        for _ in 0..5 {
-            memory.age();
-            // The energy of SINR 100 was 0.1 at 2 m: the noise is 100 times that of then.
-            let sinr = memory.sinr_over(SOURCE, 20, 2.0, 0.1).unwrap();
+        for frame in 0..5 {
+            let sinr = memory.sinr_over(SOURCE, 20, 2.0, 100.0 * QUIET).unwrap();
+            // Equal SINRs at two carriers are unequal energies, by 2 ln(8.9 / 7.0): their mean is known.
             assert!((sinr - 1.0).abs() < 0.35, "{sinr}");
-            memory.remember_missed(SOURCE, 20, &shares, (sinr, detection_probability(sinr, 6.0)), 1.0);
+            receive(&mut memory, &library, 20, 100.0 * QUIET, None);
+            // More than half of the 4.6 nats in one frame.
+            assert!(memory.sinr_ln(SOURCE, 20) < jammed - 2.5, "{frame}");
         }
-        assert!(memory.sinr_ln(SOURCE, 20) < jammed - 1.5);
-        assert!(memory.sinr_ln(SOURCE, 39) > quiet - 0.05);
+        assert!(memory.sinr_ln(SOURCE, 20) < jammed - 4.0);
+        // The last JUMP_LN of it pass for the place, and so for every carrier.
+        assert!(memory.sinr_ln(SOURCE, 39) > quiet - JUMP_LN);
         assert!(memory.visibility(SOURCE) > 0.5);
+        // And as soon that it is gone.
+        (0..2).for_each(|_| hear(&mut memory, &library, 20, 100.0));
+        assert!(memory.sinr_ln(SOURCE, 20) > jammed - 1.0);
     }
 
     /// The forward recursion of a two-state Markov chain, in the textbook's form.
@@ -394,12 +541,10 @@ mod tests {
         let mut memory = Memory::new(10.0, true, &library);
         (0..30).for_each(|_| hear(&mut memory, &library, 20, 100.0));
         let before = memory.sinr_ln(SOURCE, 20);
-        let shares = memory.shares(20, &library);
-        let found = detection_probability(100.0, 6.0);
+        let found = detection_probability(memory.sinr(SOURCE, 20), 6.0);
         let mut visible = f64::from(memory.visibility(SOURCE));
         for _ in 0..20 {
-            memory.age();
-            memory.remember_missed(SOURCE, 20, &shares, (100.0, found), 1.0);
+            receive(&mut memory, &library, 20, QUIET, None);
             let ahead = 0.98 * visible + 0.02 * (1.0 - visible);
             let both = [ahead * (1.0 - f64::from(found)), 1.0 - ahead];
             visible = both[0] / (both[0] + both[1]);

@@ -84,6 +84,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
             pulse_duration_s: DURATION_S,
             roll_off: ROLL_OFF,
             sampled_pulse: None,
+            gain_control: false,
             sample_spacing_s: Some(SPACING_S),
             range_std_m: 0.05,
             range_bias_mean_m: 0.0,

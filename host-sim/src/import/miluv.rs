@@ -130,6 +130,7 @@ pub fn miluv(npz: &Path, options: MiluvOptions) -> Result<Miluv, InputError> {
             pulse_duration_s,
             roll_off: 0.5,
             sampled_pulse: None,
+            gain_control: true,
             sample_spacing_s: Some(DW1000_SAMPLE_SPACING_S),
             // A flying drone's ranges, the body's shadow included.
             range_std_m: 0.35,

@@ -140,6 +140,9 @@ pub struct Radio {
     /// Time between two samples of a frame, in seconds. Required when there are frames.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample_spacing_s: Option<f64>,
+    /// Whether the receiver scaled every frame as it liked (automatic gain control).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub gain_control: bool,
     /// Standard deviation of the ranges that carry none of their own, in metres.
     pub range_std_m: f64,
     /// Prior mean of the bias that all ranges of an anchor share, in metres.
@@ -337,6 +340,7 @@ pub(crate) mod tests {
                 pulse_duration_s: 0.5e-9,
                 roll_off: 0.6,
                 sampled_pulse: None,
+                gain_control: false,
                 sample_spacing_s: Some(0.1e-9),
                 range_std_m: 0.1,
                 range_bias_mean_m: 0.0,

@@ -1,72 +1,87 @@
 //! Channel memory: how well each source (direct path or virtual anchor) is heard with each action.
 //!
-//! ln SINR is kept at the first action's carrier, f_1: a path loses as f^2, so 2 ln(f / f_1) is added on entry and taken
-//! off on reading. A sample at one action counts at another by share = weight rho^4, rho the overlap of the two spectra;
-//! with n <- n (1 - share / window) + share, a mean moves to the sample by max(forgetting share, share / (n + share)). On
-//! reading, the slow mean over all actions, which rises faster than it falls, counts for one sample.
+//! ln SINR of source k at action c is e_k - 2 ln d_k - 2 ln(f_c / f_1) - n_k - x_kc: its energy at a metre and at the first
+//! action's carrier, its distance when the anchor was heard last, Friis's loss, the level of noise where its path arrives,
+//! and what interference adds to that at the action. A frame shows the level, so n_k + x_kc; x takes 0.03 to 0.53 of what
+//! is new, the more the less the action was heard, or up to 0.6 where the noise of all sources has jumped, and n a fifth of
+//! the rest, up to 0.7 above a slow mean of its own. Other actions take their share of x, rho^4, rho the overlap of the two spectra.
 //!
-//! What was missed is explained by a two-state chain, visible or hidden, and by the SINR that the source's energy gives
-//! over the frame's own noise.
+//! What was missed is explained by a two-state chain, visible or hidden.
 
 use super::association::Measurement;
 use super::controller::Library;
-use super::real::{Real, exp, larger, limited, ln, square};
+use super::real::{Real, abs, exp, larger, limited, ln, square};
 use cogmint_core::perceptor::state_filter::Source;
 use std::fmt;
 
 const WINDOW: f32 = 40.0;
 const AGEING: f32 = 0.995;
-const FORGETTING: f32 = 0.15;
-const NOISE_FORGETTING: f32 = 0.4;
-const LEVEL_WINDOW: f32 = 500.0;
-const LEVEL_RISE: f32 = 0.01;
-const LEVEL_FALL: f32 = 0.002;
-const LEVEL_COUNT: f32 = 1.0;
+const ENERGY_RATE: f32 = 0.15;
+const NOISE_RATE: f32 = 0.2;
+const USUAL_FALL: f32 = 0.05;
+const USUAL_RISE: f32 = 0.01;
+const PLACE: f32 = 0.7;
+const EXCESS_RATE: f32 = 0.03;
+const EXCESS_NEWS: f32 = 0.5;
+const EXCESS_JUMP: f32 = 0.6;
+const EXCESS_AGEING: f32 = 0.995;
+const JUMP_FROM: f32 = 0.6;
+const JUMP_WIDTH: f32 = 0.4;
 const TURNING: f32 = 0.02;
-
-/// A forgetting mean of ln SINR.
-#[derive(Clone, Copy, Debug)]
-struct Heard<T> {
-    count: T,
-    sinr_ln: T,
-}
-
-impl<T: Real> Heard<T> {
-    const NOTHING: Self = Self { count: T::ZERO, sinr_ln: T::ZERO };
-
-    fn enter(&mut self, sample_ln: T, share: T, forgetting: f32, window: f32) {
-        let by_count = share / (self.count + share + T::of(1e-6));
-        self.sinr_ln += larger(T::of(forgetting) * share, by_count) * (sample_ln - self.sinr_ln);
-        self.count = self.count * (T::ONE - share * (T::ONE / T::of(window))) + share;
-    }
-}
 
 /// One source.
 #[derive(Clone, Debug)]
 struct Row<T> {
-    level: Heard<T>,
+    /// Paths seen, of which at most 40 count; zero until the first.
+    paths: T,
     energy_ln: T,
+    /// 2 ln of its distance.
+    spread_ln: T,
     visibility: T,
-    actions: Vec<Heard<T>>,
+    /// None before the first frame.
+    noise_ln: Option<T>,
+    usual_ln: T,
+    excess_ln: Vec<T>,
 }
 
 impl<T: Real> Row<T> {
     fn empty(actions: usize) -> Self {
-        let actions = vec![Heard::NOTHING; actions];
-        Self { level: Heard::NOTHING, energy_ln: T::ZERO, visibility: T::ONE, actions }
+        Self {
+            paths: T::ZERO,
+            energy_ln: T::ZERO,
+            spread_ln: T::ZERO,
+            visibility: T::ONE,
+            noise_ln: None,
+            usual_ln: T::ZERO,
+            excess_ln: vec![T::ZERO; actions],
+        }
     }
 
     fn is_seen(&self) -> bool {
-        self.level.count > T::ZERO
+        self.paths > T::ZERO
     }
+}
 
-    fn enter(&mut self, shares: &[T], sample_ln: T, weight: T, forgetting: f32) {
-        let slow = if sample_ln > self.level.sinr_ln { LEVEL_RISE } else { LEVEL_FALL };
-        self.level.enter(sample_ln, weight, slow, LEVEL_WINDOW);
-        for c in 0..self.actions.len() {
-            self.actions[c].enter(sample_ln, weight * shares[c], forgetting, WINDOW);
-        }
-    }
+/// A frame received: with which action, what that tells of every action, and what was new to all of its anchor's sources.
+#[derive(Clone, Debug)]
+pub struct Received<T> {
+    /// The action.
+    pub action: usize,
+    /// What a sample at this action counts at every action.
+    pub shares: Vec<T>,
+    /// ln of the gain over that of before.
+    pub gain_ln: T,
+    /// How far interference came or went: 0 to 1.
+    pub jump: T,
+}
+
+/// The jump that a mean change of ln noise is.
+pub fn jump<T: Real>(change_ln: T) -> T {
+    limited((abs(change_ln) - T::of(JUMP_FROM)) / T::of(JUMP_WIDTH), T::ZERO, T::ONE)
+}
+
+fn power_ln<T: Real>(power: T) -> T {
+    ln(limited(power, T::of(1e-30), T::of(1e30)))
 }
 
 /// All sources.
@@ -74,6 +89,10 @@ impl<T: Real> Row<T> {
 pub struct ChannelMemory<T> {
     direct: Vec<Row<T>>,
     virtual_anchors: Vec<Row<T>>,
+    /// By anchor and action: frames heard, aged, at most 40.
+    heard: Vec<Vec<T>>,
+    /// By anchor: ln of the gain of the last frame.
+    gain_ln: Vec<T>,
     prior_ln: T,
     /// Whether actions tell of each other.
     neighbours: bool,
@@ -96,6 +115,8 @@ impl<T: Real> ChannelMemory<T> {
         Self {
             direct: vec![Row::empty(actions); anchors],
             virtual_anchors: vec![Row::empty(actions); slots],
+            heard: vec![vec![T::ZERO; actions]; anchors],
+            gain_ln: vec![T::ZERO; anchors],
             prior_ln: ln(prior_sinr),
             neighbours,
             loss_ln,
@@ -130,46 +151,81 @@ impl<T: Real> ChannelMemory<T> {
     /// Counts lose one part in 200; what is visible hides, and the other way round, with probability 0.02.
     pub fn age(&mut self) {
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
-            if !row.is_seen() {
-                continue;
+            if row.is_seen() {
+                row.visibility += T::of(TURNING) * (T::ONE - T::of(2.0) * row.visibility);
             }
-            row.visibility += T::of(TURNING) * (T::ONE - T::of(2.0) * row.visibility);
-            for heard in &mut row.actions {
-                heard.count *= T::of(AGEING);
+        }
+        for heard in &mut self.heard {
+            for count in heard {
+                *count *= T::of(AGEING);
             }
         }
     }
 
-    /// Enters a path heard with `action` that belongs to `source` with probability `weight`.
-    pub fn remember(
-        &mut self,
-        source: Source,
-        action: usize,
-        shares: &[T],
-        path: &Measurement<T>,
-        weight: T,
-    ) {
-        let loss_ln = self.loss_ln[action];
-        let row = self.row_mut(source);
-        let sample_ln = ln(limited(path.sinr, T::of(1e-3), T::of(1e12))) + loss_ln;
-        row.enter(shares, sample_ln, weight, FORGETTING);
-        // Order: the level's count includes this sample.
-        let gain = larger(T::of(FORGETTING) * weight, weight / larger(row.level.count, weight));
-        let energy = larger(path.energy * square(path.range_m), T::of(1e-30));
-        row.energy_ln += gain * (ln(energy) + loss_ln - row.energy_ln);
+    /// ln energy of a path at a metre and at the first carrier.
+    fn standard_ln(&self, action: usize, path: &Measurement<T>) -> T {
+        power_ln(path.energy * square(path.range_m)) + self.loss_ln[action]
     }
 
-    /// Enters that `source` was missed with probability `missed`; visible, it would have had this SINR and been found with
-    /// probability `found`.
-    pub fn remember_missed(
-        &mut self,
-        source: Source,
-        action: usize,
-        shares: &[T],
-        [sinr, found]: [T; 2],
-        missed: T,
-    ) {
-        let loss_ln = self.loss_ln[action];
+    /// How far a path's energy is above that known of its source; none if that was never seen.
+    pub fn energy_change(&self, source: Source, action: usize, path: &Measurement<T>) -> Option<T> {
+        let row = self.row(source);
+        row.is_seen().then(|| self.standard_ln(action, path) - row.energy_ln)
+    }
+
+    /// How far a level of noise is above that known where a source's path arrives; none if nothing is known.
+    pub fn noise_change(&self, source: Source, action: usize, level: T) -> Option<T> {
+        let row = self.row(source);
+        row.noise_ln.map(|noise_ln| power_ln(level) - (noise_ln + row.excess_ln[action]))
+    }
+
+    /// 1 for an action never heard, 1 / (1 + n) after n frames.
+    fn news(&self, source: Source, action: usize) -> T {
+        T::ONE / (T::ONE + self.heard[source.anchor()][action])
+    }
+
+    /// Enters the level of noise at a source's range.
+    pub fn remember_noise(&mut self, source: Source, received: &Received<T>, [range_m, level]: [T; 2]) {
+        let action = received.action;
+        let now_ln = power_ln(level) - received.gain_ln;
+        let steady = T::of(EXCESS_RATE) + T::of(EXCESS_NEWS) * self.news(source, action);
+        let rate = larger(T::of(EXCESS_JUMP) * received.jump, steady);
+        let of_direct = self.direct[source.anchor()].excess_ln.clone();
+        let row = self.row_mut(source);
+        row.spread_ln = ln(larger(square(range_m), T::of(1e-6)));
+        if row.noise_ln.is_none() {
+            row.usual_ln = now_ln - of_direct[action];
+            row.noise_ln = Some(row.usual_ln);
+            row.excess_ln = of_direct;
+        }
+        let before_ln = row.noise_ln.unwrap_or(T::ZERO);
+        let change = now_ln - (before_ln + row.excess_ln[action]);
+        // The place takes a part, up to 0.7 nat above the usual; the rest is interference.
+        let rest = (T::ONE - rate) * change;
+        let mut noise_ln = before_ln + T::of(NOISE_RATE) * (T::ONE - received.jump) * rest;
+        let above = larger(noise_ln - (row.usual_ln + T::of(PLACE)), T::ZERO);
+        let entered = rate * change + above;
+        noise_ln -= above;
+        for c in 0..row.excess_ln.len() {
+            row.excess_ln[c] = T::of(EXCESS_AGEING) * row.excess_ln[c] + received.shares[c] * entered;
+        }
+        let usual = if noise_ln < row.usual_ln { USUAL_FALL } else { USUAL_RISE };
+        row.usual_ln += T::of(usual) * (noise_ln - row.usual_ln);
+        row.noise_ln = Some(noise_ln);
+    }
+
+    /// Enters a path that belongs to `source` with probability `weight`.
+    pub fn remember(&mut self, source: Source, received: &Received<T>, path: &Measurement<T>, weight: T) {
+        let now_ln = self.standard_ln(received.action, path) - received.gain_ln;
+        let familiar = T::ONE - self.news(source, received.action);
+        let row = self.row_mut(source);
+        let by_count = weight / (row.paths + weight + T::of(1e-6));
+        row.energy_ln += larger(T::of(ENERGY_RATE) * familiar * weight, by_count) * (now_ln - row.energy_ln);
+        row.paths = row.paths * (T::ONE - weight * (T::ONE / T::of(WINDOW))) + weight;
+    }
+
+    /// Enters that `source` was missed with probability `missed`; visible, it would have been found with probability `found`.
+    pub fn remember_missed(&mut self, source: Source, found: T, missed: T) {
         let row = self.row_mut(source);
         if !row.is_seen() {
             return;
@@ -178,20 +234,19 @@ impl<T: Real> ChannelMemory<T> {
         let before = row.visibility;
         let visible = before * (T::ONE - found) / larger(T::ONE - before * found, T::of(1e-6));
         row.visibility = T::ONE + missed * (visible - T::ONE);
-        if missed > T::of(0.5) {
-            let sample_ln = ln(limited(sinr, T::of(1e-3), T::of(1e12))) + loss_ln;
-            row.enter(shares, sample_ln, missed * visible, NOISE_FORGETTING);
+    }
+
+    /// Counts a frame of an anchor, and keeps its gain.
+    pub fn remember_frame(&mut self, anchor: usize, received: &Received<T>) {
+        self.gain_ln[anchor] = received.gain_ln;
+        for (count, share) in self.heard[anchor].iter_mut().zip(&received.shares) {
+            *count = *count * (T::ONE - *share * (T::ONE / T::of(WINDOW))) + *share;
         }
     }
 
-    /// Enters the SINR that a source would have over the noise of a frame in which no path is known to be its own.
-    pub fn remember_noise(&mut self, source: Source, action: usize, shares: &[T], sinr: T) {
-        let loss_ln = self.loss_ln[action];
-        let row = self.row_mut(source);
-        if row.is_seen() {
-            let sample_ln = ln(limited(sinr, T::of(1e-3), T::of(1e12))) + loss_ln;
-            row.enter(shares, sample_ln, T::ONE, NOISE_FORGETTING);
-        }
+    /// ln of the gain of an anchor's last frame.
+    pub fn gain_ln(&self, anchor: usize) -> T {
+        self.gain_ln[anchor]
     }
 
     /// Forgets a virtual anchor.
@@ -209,17 +264,16 @@ impl<T: Real> ChannelMemory<T> {
         self.row(source).visibility
     }
 
-    /// ln SINR expected of a source with an action.
+    /// ln SINR expected of a source with an action, between 1e-3 and 1e12.
     pub fn sinr_ln(&self, source: Source, action: usize) -> T {
         let row = self.row(source);
-        let expected_ln = if row.is_seen() {
-            let heard = row.actions[action];
-            let level_ln = row.level.sinr_ln;
-            level_ln + heard.count / (heard.count + T::of(LEVEL_COUNT)) * (heard.sinr_ln - level_ln)
-        } else {
-            self.prior_ln
-        };
-        expected_ln - self.loss_ln[action]
+        if !row.is_seen() {
+            return self.prior_ln - self.loss_ln[action];
+        }
+        // Order: the losses are summed, and the noise, before they are taken off.
+        let losses_ln = row.spread_ln + self.loss_ln[action];
+        let noise_ln = row.noise_ln.unwrap_or(T::ZERO) + row.excess_ln[action];
+        limited(row.energy_ln - losses_ln - noise_ln, T::of(-6.9), T::of(27.6))
     }
 
     /// SINR (linear) expected of a source with an action.
@@ -233,7 +287,7 @@ impl<T: Real> ChannelMemory<T> {
         if !row.is_seen() {
             return None;
         }
-        let energy = exp(row.energy_ln - self.loss_ln[action]);
+        let energy = exp(row.energy_ln + self.gain_ln[source.anchor()] - self.loss_ln[action]);
         Some(energy / larger(level * square(range_m), T::of(1e-30)))
     }
 
@@ -241,15 +295,24 @@ impl<T: Real> ChannelMemory<T> {
     pub fn visit(&self, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
         for (kind, rows) in [("direct path", &self.direct), ("virtual anchor", &self.virtual_anchors)] {
             for (index, row) in rows.iter().enumerate() {
-                f(format_args!("sample count of {kind} {index}"), row.level.count);
-                f(format_args!("mean ln SINR of {kind} {index}"), row.level.sinr_ln);
+                f(format_args!("paths of {kind} {index}"), row.paths);
                 f(format_args!("ln energy of {kind} {index}"), row.energy_ln);
+                f(format_args!("ln squared distance of {kind} {index}"), row.spread_ln);
                 f(format_args!("visibility of {kind} {index}"), row.visibility);
-                for (action, heard) in row.actions.iter().enumerate() {
-                    f(format_args!("sample count of {kind} {index} at action {action}"), heard.count);
-                    f(format_args!("ln SINR of {kind} {index} at action {action}"), heard.sinr_ln);
+                f(format_args!("ln noise of {kind} {index}"), row.noise_ln.unwrap_or(T::ZERO));
+                f(format_args!("usual ln noise of {kind} {index}"), row.usual_ln);
+                for (action, excess) in row.excess_ln.iter().enumerate() {
+                    f(format_args!("ln excess of {kind} {index} at action {action}"), *excess);
                 }
             }
+        }
+        for (anchor, heard) in self.heard.iter().enumerate() {
+            for (action, count) in heard.iter().enumerate() {
+                f(format_args!("frames of anchor {anchor} at action {action}"), *count);
+            }
+        }
+        for (anchor, gain) in self.gain_ln.iter().enumerate() {
+            f(format_args!("ln gain of anchor {anchor}"), *gain);
         }
     }
 }

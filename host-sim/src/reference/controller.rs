@@ -345,10 +345,6 @@ pub struct Controller<T> {
     pub values: Vec<T>,
     /// Policy pi.
     pub policy: Vec<T>,
-    /// Frames heard by action, neighbours counted by their share, old ones less.
-    pub heard: Vec<T>,
-    /// Entropy of the position in good times, nats; none before the first choice.
-    pub usual_nat: Option<T>,
     /// The action held.
     pub held: usize,
     /// The action chosen: the one held, or one that is tried.
@@ -374,8 +370,6 @@ impl<T: Real> Controller<T> {
             seed,
             policy: policy(&values, &allowed, T::of(settings.choice.temperature_nat)),
             allowed,
-            heard: vec![T::ZERO; capacity],
-            usual_nat: None,
             values,
             held: first,
             chosen: first,
@@ -405,12 +399,6 @@ impl<T: Real> Controller<T> {
         {
             self.values[self.chosen] += T::of(settings.learning.experience_rate) * (earned - planned);
         }
-        if outcome.heard {
-            let shares = prospect.memory.shares(outcome.applied, prospect.library);
-            for c in 0..self.heard.len() {
-                self.heard[c] = self.heard[c] * T::of(0.98) + shares[c];
-            }
-        }
         self.policy = policy(&self.values, &self.allowed, temperature);
         if settings.planned_actions == 0 || self.allowed.len() < 2 {
             return;
@@ -435,39 +423,16 @@ impl<T: Real> Controller<T> {
         }
         self.policy = policy(&self.values, &self.allowed, temperature);
         let hysteresis = T::of(settings.choice.hysteresis_nat);
-        // Where less is known of the position than usual there is less caution.
-        let entropy = position_entropy_nat(&prospect.outlook.covariance);
-        let usual = self.usual_nat.unwrap_or(entropy);
-        let disturbance = entropy - usual;
-        let rate = if disturbance > T::ZERO { T::of(0.002) } else { T::of(0.05) };
-        self.usual_nat = Some(usual + rate * disturbance);
-        let calm = limited(T::of(2.0) - disturbance, T::ZERO, T::ONE);
-        let caution = T::of(settings.choice.caution_nat) * calm;
-        let mut most = self.values[present] + hysteresis;
-        for &c in &self.allowed {
-            let unheard = T::ONE / (T::ONE + self.heard[c]);
-            let trusted = self.values[c] - caution * square(square(unheard));
-            if c != present && trusted > most {
-                most = trusted;
-                self.held = c;
-            }
+        let favourite = best(&self.values, &self.allowed);
+        if self.values[favourite] > self.values[present] + hysteresis {
+            self.held = favourite;
         }
         let standard = self.values[self.held];
         for &c in &self.allowed {
             self.values[c] -= standard;
         }
         let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
-        let promising = best(&self.values, &self.allowed);
-        let tried = if tries {
-            draw(&self.policy, &self.allowed, &mut rng)
-        } else if self.values[promising]
-            > self.values[self.held] + (hysteresis + T::of(0.25) * T::of(settings.choice.caution_nat))
-        {
-            // What is not trusted yet is tried once in ten cycles.
-            (uniform::<T>(&mut rng) <= T::of(0.1)).then_some(promising)
-        } else {
-            None
-        };
+        let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
         self.chosen = tried.unwrap_or(self.held);
         self.planned_reward = rewards[self.chosen];
     }

@@ -2,10 +2,10 @@
 
 use super::acquisition::{Acquisition, Landmark, Sweep};
 use super::association::{
-    Beliefs, Clutter, Expectation, Measurement, associate, detection_probability, false_alarm,
+    Belief, Beliefs, Clutter, Expectation, Measurement, associate, detection_probability, false_alarm,
 };
 use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel};
-use super::channel_memory::ChannelMemory;
+use super::channel_memory::{ChannelMemory, Received, jump};
 use super::controller::{Controller, Library, Outcome, Outlook, Prospect, Visible, reward};
 use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
@@ -619,24 +619,67 @@ impl<T: Real> Reference<T> {
         [sinr, detection_probability(sinr, scan.threshold)]
     }
 
-    /// SINR that a source's energy has over the noise of a frame; none without a frame, or where it was never seen.
-    fn sinr_over_noise(&self, source: Source, scan: &Scan<T>, range_m: T) -> Option<T> {
+    /// Noise of a frame where a path of this length arrives; none without a frame.
+    fn noise_at(&self, scan: &Scan<T>, range_m: T) -> Option<T> {
         let (noise, first_s) = scan.noise.as_ref()?;
         let spacing_s = T::of(self.config.radio.sample_spacing_s);
-        let level = noise.at((range_m / speed_of_light() - *first_s) / spacing_s, spacing_s);
-        self.channel.sinr_over(source, scan.action, range_m, level)
+        Some(noise.at((range_m / speed_of_light() - *first_s) / spacing_s, spacing_s))
+    }
+
+    /// SINR that a source's energy has over the noise of a frame; none without a frame, or where it was never seen.
+    fn sinr_over_noise(&self, source: Source, scan: &Scan<T>, range_m: T) -> Option<T> {
+        self.channel.sinr_over(source, scan.action, range_m, self.noise_at(scan, range_m)?)
+    }
+
+    /// What is new in a frame: the mean change of the energies found, where the receiver's gain may have changed, and whether
+    /// the mean change of the noise is a jump.
+    fn received(&self, associated: &AssociatedScan<T>) -> Received<T> {
+        let AssociatedScan { scan, regressions, beliefs, .. } = associated;
+        let action = scan.action;
+        let (mut energy, mut weights) = (T::ZERO, T::ZERO);
+        for k in 0..regressions.len() {
+            for m in own_paths(scan, &beliefs.features[k]) {
+                let (path, weight) = (&scan.measurements[m], beliefs.features[k].associated[m]);
+                if let Some(change) = self.channel.energy_change(regressions[k].source, action, path) {
+                    energy += weight * change;
+                    weights += weight;
+                }
+            }
+        }
+        let gain_ln = if !self.config.radio.gain_control {
+            T::ZERO
+        } else if weights > T::ZERO {
+            energy / weights
+        } else {
+            self.channel.gain_ln(scan.anchor)
+        };
+        let (mut noise, mut count) = (T::ZERO, T::ZERO);
+        for regression in regressions {
+            let level = self.noise_at(scan, regression.range_m);
+            if let Some(change) =
+                level.and_then(|level| self.channel.noise_change(regression.source, action, level))
+            {
+                noise += change - gain_ln;
+                count += T::ONE;
+            }
+        }
+        let shares = self.channel.shares(action, &self.library);
+        Received { action, shares, gain_ln, jump: jump(noise / larger(count, T::ONE)) }
     }
 
     /// The noise of a frame, for every source, where association means nothing.
     fn remember_noise(&mut self, associated: &AssociatedScan<T>) {
-        let AssociatedScan { scan, regressions, .. } = associated;
-        let shares = self.channel.shares(scan.action, &self.library);
-        for regression in regressions {
-            let source = regression.source;
-            if let Some(sinr) = self.sinr_over_noise(source, scan, regression.range_m) {
-                self.channel.remember_noise(source, scan.action, &shares, sinr);
+        let scan = &associated.scan;
+        if !scan.framed {
+            return;
+        }
+        let received = self.received(associated);
+        for regression in &associated.regressions {
+            if let Some(level) = self.noise_at(scan, regression.range_m) {
+                self.channel.remember_noise(regression.source, &received, [regression.range_m, level]);
             }
         }
+        self.channel.remember_frame(scan.anchor, &received);
     }
 
     /// Where an anchor's candidates are seen from.
@@ -663,26 +706,29 @@ impl<T: Real> Reference<T> {
             let AssociatedScan { scan, regressions, beliefs, .. } = associated;
             // From a doubtful place, what is missing may well be there.
             let judged = if self.loss.is_doubtful() { 0 } else { regressions.len() };
-            let shares = self.channel.shares(scan.action, &self.library);
+            let received = self.received(associated);
             for k in 0..judged {
-                let source = regressions[k].source;
+                let Regression { source, range_m, .. } = regressions[k];
                 let belief = &beliefs.features[k];
                 if let Source::Virtual { slot, .. } = source {
-                    let detection = self.detection(source, scan, Some(regressions[k].range_m));
+                    let detection = self.detection(source, scan, Some(range_m));
                     let seen = belief.missed < T::of(0.5);
                     self.environment.remember(slot, belief.existence, seen, detection);
                 }
                 if !scan.framed {
                     continue;
                 }
-                for m in 0..scan.measurements.len() {
-                    let weight = belief.associated[m];
-                    if weight > T::of(0.5) && scan.measurements[m].sinr > T::ZERO {
-                        self.channel.remember(source, scan.action, &shares, &scan.measurements[m], weight);
-                    }
+                for m in own_paths(scan, belief) {
+                    self.channel.remember(source, &received, &scan.measurements[m], belief.associated[m]);
                 }
-                let expected = self.expected(source, scan, Some(regressions[k].range_m));
-                self.channel.remember_missed(source, scan.action, &shares, expected, belief.missed);
+                if let Some(level) = self.noise_at(scan, range_m) {
+                    self.channel.remember_noise(source, &received, [range_m, level]);
+                }
+                let [_, found] = self.expected(source, scan, Some(range_m));
+                self.channel.remember_missed(source, found, belief.missed);
+            }
+            if scan.framed && judged > 0 {
+                self.channel.remember_frame(scan.anchor, &received);
             }
             report.anchors_heard += 1;
             let mut unexplained = T::ZERO;
@@ -1031,4 +1077,11 @@ fn normalised_innovation<T: Real>(heard: &[AssociatedScan<T>]) -> T {
         }
     }
     if weight > T::ZERO { squares / weight } else { T::ZERO }
+}
+
+/// Indices of the measurements that are probably a feature's, and come from a frame.
+fn own_paths<T: Real>(scan: &Scan<T>, belief: &Belief<T>) -> Vec<usize> {
+    (0..scan.measurements.len())
+        .filter(|&m| belief.associated[m] > T::of(0.5) && scan.measurements[m].sinr > T::ZERO)
+        .collect()
 }

@@ -94,7 +94,7 @@ impl<const A: usize> Choose<A> for OnMemory {
             let map_m2 = gx * gx * xx + 2.0 * gx * gy * yx + gy * gy * yy;
             for (action, sum) in informations.iter_mut().enumerate() {
                 let memory = tracker.channel();
-                let factor = self.factor(f64::from(memory.samples(source, action)));
+                let factor = self.factor(f64::from(memory.frames(anchor, action)));
                 let sinr = factor * f64::from(memory.sinr(source, action));
                 let Some(entry) = tracker.library().get(action) else { continue };
                 let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: config.radio.pulse_shape };

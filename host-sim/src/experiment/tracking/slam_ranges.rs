@@ -147,6 +147,7 @@ impl SlamRanges {
                 pulse_duration_s: 0.5e-9,
                 roll_off: 0.6,
                 sampled_pulse: None,
+                gain_control: false,
                 sample_spacing_s: None,
                 range_std_m: RANGE_STD_M,
                 range_bias_mean_m: 0.0,
