@@ -6,12 +6,13 @@
 //! which is interference. So when the tag walks behind something, no other carrier is expected to do better, and when an
 //! interferer comes, those are that it is not known to reach.
 //!
-//! Which of the two has changed is told by the sources together: what comes suddenly and to all of an anchor's sources is
-//! interference; what comes slowly, or to one of them, is the place. A source heard with an action that was hardly used
-//! tells of that action; with a familiar one, of the place. Actions also tell of their spectral neighbours, in proportion to
-//! the fourth power of the overlap rho of the two pulses' spectra, and by Friis's law a path loses as the carrier squared:
-//! energies are compared at the carrier of the first action. A receiver with gain control scales every frame as it likes;
-//! the mean change of the energies found is then taken for the gain.
+//! Which of the two has changed is told by the sources together: noise that comes suddenly and to all of an anchor's
+//! sources is interference; what comes slowly is the place, up to a limit beyond which it is interference as well. Noise
+//! heard with an action that was hardly used tells of that action; with a familiar one, of the place. Actions also tell of
+//! their spectral neighbours, in proportion to the fourth power of the overlap rho of the two pulses' spectra, and by
+//! Friis's law a path loses as the carrier squared: energies are compared at the carrier of the first action. A receiver
+//! with gain control scales every frame as it likes; the mean change of the energies found is then taken for the gain, so
+//! that what weakens all paths at once looks like noise.
 //!
 //! A path that was not found although the frame's own noise let it is hidden: visibility is the state of a two-state Markov
 //! chain. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn

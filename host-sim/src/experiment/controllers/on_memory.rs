@@ -38,7 +38,7 @@ pub struct OnMemory {
     reading: Reading,
 }
 
-/// Deviation of ln SINR where one sample is known.
+/// Deviation of ln SINR where its anchor was never heard with the action.
 const SPREAD_NAT: f64 = 1.0;
 
 impl OnMemory {
@@ -47,14 +47,14 @@ impl OnMemory {
         Self { reading }
     }
 
-    /// Factor on a SINR of which `samples` are known.
-    fn factor(&mut self, samples: f64) -> f64 {
+    /// Factor on a SINR of an action with which its anchor was heard in this many frames.
+    fn factor(&mut self, frames: f64) -> f64 {
         let deviations = match &mut self.reading {
             Reading::Guess => 0.0,
             Reading::Optimist => 1.0,
             Reading::Sample(rng) => normal(rng),
         };
-        (deviations * SPREAD_NAT / (1.0 + samples).sqrt()).exp()
+        (deviations * SPREAD_NAT / (1.0 + frames).sqrt()).exp()
     }
 }
 
