@@ -30,7 +30,7 @@ use crate::real::{abs, exp, larger, limited, ln};
 const AGEING: f32 = 0.995;
 /// Frames remembered at most, of an action.
 const WINDOW: f32 = 40.0;
-/// How fast the energy of a source follows, and how many paths its mean begins with.
+/// How fast the energy of a source follows at least, and how many of its paths count at most.
 const ENERGY_RATE: f32 = 0.15;
 const ENERGY_WINDOW: f32 = 40.0;
 /// How fast the level of noise of a source follows.
@@ -62,7 +62,7 @@ pub type Shares<const ACTIONS: usize> = [f32; ACTIONS];
 /// What has changed with a frame for all sources of its anchor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Change {
-    /// ln of the power gain of the receiver, over that of before.
+    /// ln of the power gain of the receiver, over that of the first frames.
     pub gain_ln: f32,
     /// How far the noise has changed because interference came or went: 0 to 1.
     pub jump: f32,
@@ -88,9 +88,9 @@ struct Row<const ACTIONS: usize> {
     visibility: f32,
     /// ln of the level of noise where its path arrives, without interference; `None` before the first frame.
     noise_ln: Option<f32>,
-    /// The level that is usual there, as ln.
+    /// Slow mean of that.
     usual_ln: f32,
-    /// By how much it is exceeded at an action.
+    /// By how much noise exceeds `noise_ln` at an action, as ln: interference.
     excess_ln: [f32; ACTIONS],
 }
 

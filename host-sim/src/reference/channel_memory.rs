@@ -4,7 +4,8 @@
 //! action's carrier, its distance when the anchor was heard last, Friis's loss, the level of noise where its path arrives,
 //! and what interference adds to that at the action. A frame shows the level, so n_k + x_kc; x takes 0.03 to 0.53 of what
 //! is new, the more the less the action was heard, or up to 0.6 where the noise of all sources has jumped, and n a fifth of
-//! the rest, up to 0.7 above a slow mean of its own. Other actions take their share of x, rho^4, rho the overlap of the two spectra.
+//! the rest, up to 0.7 above a slow mean of its own. Other actions take their share of x, rho^4, rho the overlap of the two
+//! spectra.
 //!
 //! What was missed is explained by a two-state chain, visible or hidden.
 
@@ -69,7 +70,7 @@ pub struct Received<T> {
     pub action: usize,
     /// What a sample at this action counts at every action.
     pub shares: Vec<T>,
-    /// ln of the gain over that of before.
+    /// ln of the gain over that of the first frames.
     pub gain_ln: T,
     /// How far interference came or went: 0 to 1.
     pub jump: T,
