@@ -1,5 +1,6 @@
 //! Configuration: plain data, every field with its unit, its range and what more or less of it does.
 
+use crate::controller::library::Action;
 use crate::controller::planning::LONGEST_HORIZON;
 use crate::controller::policy::Choice;
 use crate::controller::reward::Reward;
@@ -7,7 +8,7 @@ use crate::controller::value::Learning;
 use crate::error::{Error, Setting};
 use crate::perceptor::association::Mode;
 use crate::perceptor::state_filter::Motion;
-use crate::pulse::PulseShape;
+use crate::pulse::{Pulse, PulseShape};
 
 /// Where the tag is believed to be before the first cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,11 +69,19 @@ pub struct Radio {
     pub samples_per_frame: usize,
     /// Full scale of the converter in the unit of the samples, if it has one: frames that reach it are refused.
     pub full_scale: Option<f32>,
-    /// Whether the receiver scales every frame as it likes (automatic gain control), so that only what is compared within a
-    /// frame means something.
+    /// Whether the receiver scales every frame as it likes (automatic gain control): powers are then measured in the frame's
+    /// white noise ([`crate::perceptor::gain_control`]).
     pub gain_control: bool,
     /// False paths per frame in pure noise (1e-4 to 10). More finds weaker paths and more phantoms.
     pub false_paths_per_frame: f32,
+}
+
+impl Radio {
+    /// The pulse of an action, as the receiver keeps it.
+    pub fn pulse(&self, action: &Action) -> Pulse {
+        Pulse { duration_s: action.pulse_duration_s, shape: self.pulse_shape }
+            .sampled_every(self.sample_spacing_s)
+    }
 }
 
 /// How the next action is found.

@@ -5,7 +5,7 @@
 //! pulse R(t) = sinc(t/T_p) cos(pi b t/T_p) / (1 - (2 b t/T_p)^2), with beta = sqrt(1/12 + b^2 (1/4 - 2/pi^2)) / T_p.
 //! Any other pulse comes as samples of its R, for example one measured over a cable: beta^2 = -R''(0) / (4 pi^2).
 
-use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, larger, sin, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, larger, limited, sin, sqrt};
 
 /// Table steps per pulse duration.
 const STEPS: usize = 64;
@@ -15,6 +15,12 @@ pub const SUPPORT: usize = 4;
 const ENTRIES: usize = STEPS * SUPPORT + 2;
 /// Samples of a sampled pulse's autocorrelation, from lag zero on.
 pub const PULSE_SAMPLES: usize = 33;
+/// Time between them where the pulse is a limited one, pulse durations.
+const LAG: f32 = SUPPORT as f32 / (PULSE_SAMPLES - 1) as f32;
+/// Points of a limited pulse's spectrum.
+const BAND_POINTS: usize = 32;
+/// Pulses that end below this share of half the sampling rate are not limited.
+const UNTOUCHED: f32 = 0.85;
 
 /// What a pulse looks like behind the matched filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +55,33 @@ impl Pulse {
     /// A root-raised-cosine pulse of symbol time `duration_s` (seconds) and roll-off `roll_off` (0 to 1).
     pub fn root_raised_cosine(duration_s: f32, roll_off: f32) -> Self {
         Self { duration_s, shape: PulseShape::RootRaisedCosine { roll_off } }
+    }
+
+    /// The pulse as a receiver that samples every `spacing_s` seconds keeps it: a band that sampling cannot hold is cut, by a
+    /// cosine from 0.8 of half the sampling rate on. Sampled pulses are taken to be what such a receiver made of them.
+    pub fn sampled_every(self, spacing_s: f32) -> Self {
+        let PulseShape::RootRaisedCosine { roll_off } = self.shape else { return self };
+        let nyquist = 0.5 * self.duration_s / spacing_s;
+        if 0.5 * (1.0 + roll_off) < UNTOUCHED * nyquist {
+            return self;
+        }
+        let mut autocorrelation = [0.0; PULSE_SAMPLES];
+        for n in 0..BAND_POINTS {
+            // Cycles per pulse duration.
+            let frequency = (n as f32 + 0.5) * (nyquist * (1.0 / BAND_POINTS as f32));
+            let into = (frequency - 0.5 * (1.0 - roll_off)) / larger(roll_off, 1e-3);
+            let power = falling(into) * falling((frequency - 0.8 * nyquist) / (0.2 * nyquist));
+            // cos((k + 1) x) = 2 cos x cos(k x) - cos((k - 1) x)
+            let turn = 2.0 * cos(TAU * frequency * LAG);
+            let [mut last, mut now] = [0.5 * turn, 1.0];
+            for r in &mut autocorrelation {
+                *r += power * now;
+                [last, now] = [now, turn * now - last];
+            }
+        }
+        let [energy, ..] = autocorrelation;
+        autocorrelation.iter_mut().for_each(|r| *r /= energy);
+        Self { shape: PulseShape::Sampled { step_s: LAG * self.duration_s, autocorrelation }, ..self }
     }
 
     /// Autocorrelation R at lag `lag` (in pulse durations); R(0) = 1.
@@ -101,6 +134,11 @@ impl Pulse {
         let beta_over_c = self.rms_bandwidth_hz() / SPEED_OF_LIGHT_M_S;
         1.0 / (2.0 * (TAU * TAU) * (beta_over_c * beta_over_c) * larger(sinr, 1e-3))
     }
+}
+
+/// Half a period of a cosine, from 1 at 0 to 0 at 1.
+fn falling(x: f32) -> f32 {
+    0.5 * (1.0 + cos(core::f32::consts::PI * limited(x, 0.0, 1.0)))
 }
 
 fn raised_cosine(lag: f32, roll_off: f32) -> f32 {
@@ -236,6 +274,41 @@ mod tests {
         assert!((pulse.rms_bandwidth_hz() / beta_hz - 1.0).abs() < 1e-3);
         let effective_s = width_s * (core::f32::consts::PI / 2.0).sqrt();
         assert!((pulse.effective_duration_s() / effective_s - 1.0).abs() < 1e-3);
+    }
+
+    /// What a receiver of 998.4 MHz leaves of pulses that need more: the integral over their spectrum, in f64.
+    #[test]
+    fn a_limited_pulse_has_the_transform_of_its_spectrum() {
+        let spacing_s = 1.0 / 998.4e6_f32;
+        let narrow = Pulse::root_raised_cosine(2e-9, 0.5);
+        assert_eq!(narrow.sampled_every(spacing_s), narrow);
+        for (duration_s, roll_off) in [(1.1e-9, 0.5), (0.75e-9, 0.6), (1.1e-9, 1.0), (1.1e-9, 0.0)] {
+            let pulse = Pulse::root_raised_cosine(duration_s, roll_off).sampled_every(spacing_s);
+            let pi = core::f64::consts::PI;
+            let slope = |f: f64, from: f64, to: f64| match f {
+                f if f <= from => 1.0,
+                f if f >= to => 0.0,
+                f => 0.5 + 0.5 * (pi * (f - from) / (to - from)).cos(),
+            };
+            let [width, b] = [f64::from(duration_s), f64::from(roll_off)];
+            let power = |f: f64| {
+                slope(f, 0.5 * (1.0 - b) / width, 0.5 * (1.0 + b) / width) * slope(f, 399.36e6, 499.2e6)
+            };
+            let integral = |weight: &dyn Fn(f64) -> f64| {
+                (0..20_000).map(|n| (f64::from(n) + 0.5) * 25e3).map(|f| power(f) * weight(f)).sum::<f64>()
+            };
+            let energy = integral(&|_| 1.0);
+            // Towards 4 the samples end.
+            for step in 0..380 {
+                let lag = 0.01 * step as f32;
+                let lag_s = f64::from(lag) * width;
+                let error = f64::from(pulse.autocorrelation(lag))
+                    - integral(&|f| (2.0 * pi * f * lag_s).cos()) / energy;
+                assert!(error.abs() < 2e-3, "{duration_s} {roll_off} {lag}: {error}");
+            }
+            let beta_hz = (integral(&|f| f * f) / energy).sqrt();
+            assert!((f64::from(pulse.rms_bandwidth_hz()) / beta_hz - 1.0).abs() < 5e-3);
+        }
     }
 
     /// The raised cosine from its samples is the raised cosine.

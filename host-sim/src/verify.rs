@@ -448,6 +448,9 @@ impl Comparison {
     /// All state after a cycle.
     fn state<const A: usize>(&mut self, core: &Tracker<A, VAS, PATHS, ACTIONS>, reference: &Reference<f32>) {
         let mut numbers = Vec::new();
+        core.gain_control().iter().for_each(|control| control.visit(|value| numbers.push(value)));
+        self.list("estimate", "gain control", &numbers, |f| visit_gain_control(reference, f));
+        numbers.clear();
         core.filter().visit(|value| numbers.push(value));
         self.list("update", "the state filter", &numbers, |f| reference.filter.visit(f));
 
@@ -556,6 +559,12 @@ impl Comparison {
     }
 }
 
+fn visit_gain_control(reference: &Reference<f32>, f: &mut dyn FnMut(fmt::Arguments<'_>, f32)) {
+    for (anchor, control) in reference.gain_control.iter().enumerate() {
+        control.visit(anchor, f);
+    }
+}
+
 /// The core's hash, over the reference's state: nothing kept escapes the comparison.
 fn state_hash(reference: &Reference<f32>) -> u64 {
     let mut hash = TraceHash::default();
@@ -564,6 +573,7 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     // Nobody tells it the full band.
     hash.word(0);
     reference.controllers.iter().flat_map(Controller::words).for_each(|word| hash.word(word));
+    visit_gain_control(reference, &mut |_, value| hash.float(value));
     reference.filter.visit(&mut |_, value| hash.float(value));
     for (slot, record) in reference.environment.in_use() {
         hash.word(slot as u32);
@@ -984,6 +994,30 @@ mod tests {
             setup.config.controller.learning.bootstrap = horizon == 5;
             let covered = verified(&setup, &recording).covered;
             assert!(covered.paths > 2 * covered.frames && covered.action_changes > 0, "{covered:?}");
+        }
+    }
+
+    /// A receiver that scales its frames, that an interferer drowns now and then, and that keeps less of the pulse than there is.
+    #[test]
+    fn frames_under_gain_control_are_equal() {
+        for kind in [Kind::Complex, Kind::Magnitude] {
+            let mut recording = recording(kind, 60, 200);
+            recording.radio.gain_control = true;
+            recording.actions[2].pulse_duration_s = 0.35e-9;
+            let mut rng = Xoshiro128PlusPlus::seed_from_u64(9);
+            for (n, frame) in recording.cycles.iter_mut().flat_map(|cycle| &mut cycle.frames).enumerate() {
+                let gain = 10_f64.powf(noise(&mut rng)) as f32;
+                let loud = if n % 40 > 30 { 30.0 } else { 0.0 };
+                let mut spoilt = |value: &mut f32| *value = gain * (*value + loud * noise(&mut rng) as f32);
+                match &mut frame.samples {
+                    Samples::Complex(samples) => samples.iter_mut().flatten().for_each(spoilt),
+                    Samples::Magnitude(samples) => samples.iter_mut().for_each(|value| {
+                        spoilt(value);
+                        *value = value.abs();
+                    }),
+                }
+            }
+            verified(&setup(&recording), &recording);
         }
     }
 

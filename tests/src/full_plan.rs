@@ -1,6 +1,8 @@
 //! The planning problem at full size: 20 of 40 actions, two physical and 24 virtual anchors, all of which are expected to
 //! be seen, with SINRs from -5 to 30 dB.
 
+use cogmint_core::Config;
+use cogmint_core::config::Radio;
 use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
 use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Outlook, Scene, Visible};
 use cogmint_core::controller::reward::Reward;
@@ -94,7 +96,10 @@ impl Problem {
             acceleration_std_m_s2,
             variance_inflation,
             range_floor_m,
-            pulse_shape: PulseShape::RootRaisedCosine { roll_off },
+            radio: Radio {
+                pulse_shape: PulseShape::RootRaisedCosine { roll_off },
+                ..Config::default().radio
+            },
             threshold,
         };
         let planned = std::array::from_fn(|action| action % 2 == 0);

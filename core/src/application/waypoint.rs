@@ -38,7 +38,6 @@ use crate::information::fisher::{PositionInformation, range_slope};
 use crate::memory::channel::ChannelMemory;
 use crate::perceptor::association::detection_probability;
 use crate::perceptor::state_filter::{Source, predict_agent};
-use crate::pulse::Pulse;
 use crate::real::{abs, larger, smaller, sqrt};
 use core::fmt;
 use nalgebra::Matrix4;
@@ -173,8 +172,7 @@ pub fn choose_waypoint<const ANCHORS: usize, const VAS: usize, const ACTIONS: us
     let mut units_m2 = [0.0; ACTIONS];
     for (action, unit_m2) in units_m2.iter_mut().enumerate() {
         if let Some(entry) = library.get(action) {
-            let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: outlook.pulse_shape };
-            *unit_m2 = outlook.variance_inflation * pulse.range_variance_m2(1.0);
+            *unit_m2 = outlook.variance_inflation * outlook.radio.pulse(entry).range_variance_m2(1.0);
         }
     }
     let ranging = Ranging {
@@ -260,7 +258,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             acceleration_std_m_s2: config.motion.acceleration_std_m_s2,
             variance_inflation: config.ranging.variance_inflation,
             range_floor_m: config.ranging.floor_m,
-            pulse_shape: config.radio.pulse_shape,
+            radio: config.radio,
             threshold: self.threshold(),
         };
         let sources = self.sources(tag_height_m).filter_map(|sight| {
@@ -467,11 +465,9 @@ mod tests {
     use super::*;
     use crate::Config;
     use crate::anchor::Anchor;
-    use crate::controller::library::LIBRARY_PUBLISHED;
-    use crate::memory::channel::Change;
+    use crate::controller::library::{LIBRARY_PUBLISHED, LIBRARY_WIDE};
     use crate::perceptor::association::Measurement;
     use crate::perceptor::state_filter::Source;
-    use crate::pulse::PulseShape;
     use nalgebra::{Matrix2, Vector4};
     use std::vec::Vec;
 
@@ -500,7 +496,7 @@ mod tests {
             acceleration_std_m_s2: 1e-6,
             variance_inflation: 1.0,
             range_floor_m: 0.0,
-            pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
+            radio: Config::default().radio,
             // Every path is found.
             threshold: 0.0,
         }
@@ -513,10 +509,10 @@ mod tests {
     /// What the memory holds of an anchor seen at this SINR.
     fn see(memory: &mut Memory, anchor: usize, sinr: f32) {
         let path = Measurement { range_m: 1.0, variance_m2: 1e-4, sinr, energy: 1.0, false_alarm: 1.0 };
-        let (source, change) = (Source::Direct { anchor }, Change::default());
+        let source = Source::Direct { anchor };
         let shares = memory.shares(ACTION, &library());
-        memory.remember(source, ACTION, (&path, 1.0), &change);
-        memory.remember_noise(source, ACTION, &shares, (1.0, 1.0 / sinr), &change);
+        memory.remember(source, ACTION, &path, 1.0);
+        memory.remember_noise(source, ACTION, &shares, (1.0, 1.0 / sinr), 0.0);
     }
 
     /// A position without velocity, which prediction leaves as it is.
@@ -610,7 +606,7 @@ mod tests {
         outlook.threshold = 6.0;
         outlook.position_m = [0.5, 0.25];
         let settings = WaypointSettings { speed_m_s: 0.7, period_s: 0.1, metres_per_nat: 1.0 };
-        let pulse = Pulse { duration_s: 0.5e-9, shape: outlook.pulse_shape };
+        let pulse = outlook.radio.pulse(&LIBRARY_WIDE[0]);
         let mut spread = [f64::INFINITY, f64::NEG_INFINITY];
         // Nowhere more than 32 cycles from a candidate: every cycle is looked at.
         let goal = [0.9_f64, 0.5];

@@ -10,11 +10,11 @@
 
 use super::library::Library;
 use super::reward::{Reward, reward};
+use crate::config::Radio;
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::memory::channel::ChannelMemory;
 use crate::perceptor::association::missed_odds;
 use crate::perceptor::state_filter::{Source, predict_agent};
-use crate::pulse::{Pulse, PulseShape};
 use crate::real::{exp, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4};
@@ -49,8 +49,8 @@ pub struct Outlook {
     pub variance_inflation: f32,
     /// Standard deviation that no range goes below, metres.
     pub range_floor_m: f32,
-    /// Shape of the pulse.
-    pub pulse_shape: PulseShape,
+    /// The radio.
+    pub radio: Radio,
     /// Threshold on the normalised energy of a path below which it is not found.
     pub threshold: f32,
 }
@@ -192,8 +192,7 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
     /// Variance of a range at SINR 1, which SINR then divides.
     fn unit_variance_m2(&self, action: usize) -> f32 {
         self.library.get(action).map_or(0.0, |entry| {
-            let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: self.outlook.pulse_shape };
-            self.outlook.variance_inflation * pulse.range_variance_m2(1.0)
+            self.outlook.variance_inflation * self.outlook.radio.pulse(entry).range_variance_m2(1.0)
         })
     }
 

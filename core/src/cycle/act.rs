@@ -47,7 +47,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             acceleration_std_m_s2: self.config.motion.acceleration_std_m_s2,
             variance_inflation: self.config.ranging.variance_inflation,
             range_floor_m: self.config.ranging.floor_m,
-            pulse_shape: self.config.radio.pulse_shape,
+            radio: self.config.radio,
             threshold: self.estimator.threshold(),
         };
         self.roll.enter(|anchor| scans.iter().any(|scan| scan.anchor == anchor));

@@ -10,7 +10,6 @@ use crate::perceptor::discovery::Claims;
 use crate::perceptor::loss::evidence_nat;
 use crate::perceptor::overlap::{Arrival, Overlap};
 use crate::perceptor::state_filter::{Regression, Source};
-use crate::pulse::Pulse;
 use crate::real::{limited, smaller};
 use heapless::Vec;
 
@@ -142,7 +141,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         if !scan.framed {
             return;
         }
-        let pulse = Pulse { duration_s: action.pulse_duration_s, shape: self.config.radio.pulse_shape };
+        let pulse = self.config.radio.pulse(action);
         let arrival = |regression: &Regression, expectation: &Expectation| Arrival {
             range_m: expectation.range_m,
             presence: expectation.existence * expectation.detection,

@@ -24,6 +24,7 @@ use crate::observer::{Observer, Stage};
 use crate::perceptor::acquisition::Acquisition;
 use crate::perceptor::channel_estimator::ChannelEstimator;
 use crate::perceptor::discovery::Discovery;
+use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::loss::LossMonitor;
 use crate::perceptor::state_filter::{Sight, Source, StateFilter};
 use crate::pulse::Pulse;
@@ -42,6 +43,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     estimator_pulse: Pulse,
 
     cycle: u32,
+    gain_control: [GainControl; ANCHORS],
     filter: StateFilter<ANCHORS, VAS>,
     environment: EnvironmentMemory<VAS>,
     channel: ChannelMemory<ANCHORS, VAS, ACTIONS>,
@@ -117,7 +119,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             // No more than anchors: the push succeeds.
             let _ = controllers.push(Controller::new(config.controller, library.all(), seed));
         }
-        let pulse = Pulse { duration_s: first.pulse_duration_s, shape: config.radio.pulse_shape };
+        let pulse = config.radio.pulse(first);
         let association = &config.association;
         let unexplained = association.clutter_per_anchor + association.unmapped_per_anchor;
         Ok(Self {
@@ -126,6 +128,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             estimator: build_estimator(&config, pulse),
             estimator_pulse: pulse,
             cycle: 0,
+            gain_control: [GainControl::default(); ANCHORS],
             filter,
             environment,
             channel: ChannelMemory::new(config.controller.prior_sinr, config.controller.neighbours, &library),
@@ -275,6 +278,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
     }
 
+    /// What is known of every anchor's frames where the receiver controls its gain.
+    pub fn gain_control(&self) -> &[GainControl; ANCHORS] {
+        &self.gain_control
+    }
+
     /// The state filter.
     pub fn filter(&self) -> &StateFilter<ANCHORS, VAS> {
         &self.filter
@@ -354,6 +362,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         for controller in &self.controllers {
             controller.words().into_iter().for_each(|word| hash.word(word));
         }
+        self.gain_control.iter().for_each(|control| control.visit(|v| hash.float(v)));
         self.filter.visit(|v| hash.float(v));
         for (slot, record) in self.environment.iter() {
             hash.word(slot as u32);

@@ -14,9 +14,10 @@ use heapless::Vec;
 /// A path this much stronger may leave artefacts beside it, power ratio.
 const ARTEFACT_RATIO: f32 = 4.0;
 
-/// Noise and dense multipath of a frame, over delay.
+/// Noise and dense multipath of a frame, over delay, and the unit of its powers.
 struct FrameNoise {
     level: NoiseLevel,
+    unit: f32,
     first_sample_delay_s: f32,
     sample_spacing_s: f32,
 }
@@ -37,11 +38,11 @@ pub(super) struct Scan<const PATHS: usize> {
 }
 
 impl<const PATHS: usize> Scan<PATHS> {
-    /// Level of noise and dense multipath where a path of this length arrives; `None` without a frame.
+    /// Level of noise and dense multipath where a path of this length arrives, in the unit of the frame; `None` without one.
     pub(super) fn level(&self, range_m: f32) -> Option<f32> {
-        let FrameNoise { level, first_sample_delay_s, sample_spacing_s } = self.noise.as_ref()?;
+        let FrameNoise { level, unit, first_sample_delay_s, sample_spacing_s } = self.noise.as_ref()?;
         let position = (range_m / SPEED_OF_LIGHT_M_S - first_sample_delay_s) / sample_spacing_s;
-        Some(level.level(position, *sample_spacing_s))
+        Some(level.level(position, *sample_spacing_s) / unit)
     }
 
     /// Takes a range in; where all places are taken, in the place of the one that tells least, if that is worse: the
@@ -210,18 +211,25 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         observer: &mut impl Observer<VAS, PATHS>,
     ) {
         let Some(action) = self.library.get(frame.action) else { return };
-        let pulse = Pulse { duration_s: action.pulse_duration_s, shape: self.config.radio.pulse_shape };
+        let pulse = self.config.radio.pulse(action);
         if pulse != self.estimator_pulse {
             self.estimator = build_estimator(&self.config, pulse);
             self.estimator_pulse = pulse;
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
         observer.estimate(frame.anchor, &estimate);
+        let unit = match self.gain_control.get_mut(frame.anchor) {
+            Some(gain_control) if self.config.radio.gain_control => {
+                gain_control.unit(frame.samples, estimate.noise.white, self.channel.loss_ln(frame.action))
+            }
+            _ => 1.0,
+        };
         into.action = frame.action;
         into.framed = true;
         into.threshold = self.estimator.threshold();
         into.noise = Some(FrameNoise {
             level: estimate.noise,
+            unit,
             first_sample_delay_s: frame.first_sample_delay_s,
             sample_spacing_s: self.config.radio.sample_spacing_s,
         });
@@ -240,7 +248,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 range_m,
                 variance_m2,
                 sinr: path.sinr,
-                energy: re * re + im * im,
+                energy: (re * re + im * im) / unit,
                 false_alarm: false_alarm(path.sinr, into.threshold),
             };
             // Where ranges took up room, the latest paths are left out.

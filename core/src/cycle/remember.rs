@@ -3,8 +3,8 @@
 use super::Tracker;
 use super::associate::AssociatedScan;
 use super::receive::Scan;
-use crate::memory::channel::{Change, Shares};
-use crate::perceptor::association::{Belief, Measurement};
+use crate::memory::channel::{Shares, jump};
+use crate::perceptor::association::Belief;
 use crate::perceptor::state_filter::{Regression, Source};
 use crate::real::larger;
 use crate::report::CycleReport;
@@ -57,11 +57,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             return;
         }
         let shares = self.channel.shares(scan.action, &self.library);
-        let change = self.change(associated);
+        let jump = self.jump(associated);
         for (regression, belief) in associated.features() {
-            self.remember_channel(regression, scan, &shares, belief, &change);
+            self.remember_channel(regression, scan, &shares, belief, jump);
         }
-        self.channel.remember_frame(scan.anchor, &shares, &change);
+        self.channel.remember_frame(scan.anchor, &shares);
     }
 
     /// What the noise of a frame tells of the SINR of every source, from roughly where the tag is.
@@ -72,45 +72,27 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             return;
         }
         let shares = self.channel.shares(scan.action, &self.library);
-        let change = self.change(associated);
+        let jump = self.jump(associated);
         for (regression, _) in associated.features() {
-            self.remember_level(regression, scan, &shares, &change);
+            self.remember_level(regression, scan, &shares, jump);
         }
-        self.channel.remember_frame(scan.anchor, &shares, &change);
+        self.channel.remember_frame(scan.anchor, &shares);
     }
 
-    /// What has changed for all sources of an anchor alike.
-    fn change(&self, associated: &AssociatedScan<'_, VAS, PATHS>) -> Change {
+    /// How far the noise of a frame has changed because interference came or went.
+    fn jump(&self, associated: &AssociatedScan<'_, VAS, PATHS>) -> f32 {
         let scan = associated.scan;
-        let gain_ln = if self.config.radio.gain_control { self.gain_ln(associated) } else { 0.0 };
         let (mut sum, mut count) = (0.0, 0.0);
         for (regression, _) in associated.features() {
             if let Some(level) = scan.level(regression.range_m)
                 && let Some(innovation) =
                     self.channel.noise_innovation_ln(regression.source, scan.action, level)
             {
-                sum += innovation - gain_ln;
+                sum += innovation;
                 count += 1.0;
             }
         }
-        Change::new(gain_ln, sum / larger(count, 1.0))
-    }
-
-    /// The gain of a frame over that of the first ones: the mean change of the energies found, or that of the frame before.
-    fn gain_ln(&self, associated: &AssociatedScan<'_, VAS, PATHS>) -> f32 {
-        let scan = associated.scan;
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for (regression, belief) in associated.features() {
-            for (path, weight) in own_paths(scan, belief) {
-                if let Some(innovation) =
-                    self.channel.energy_innovation_ln(regression.source, scan.action, path)
-                {
-                    sum += weight * innovation;
-                    weights += weight;
-                }
-            }
-        }
-        if weights > 0.0 { sum / weights } else { self.channel.gain_ln(scan.anchor) }
+        jump(sum / larger(count, 1.0))
     }
 
     fn remember_level(
@@ -118,11 +100,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         regression: &Regression,
         scan: &Scan<PATHS>,
         shares: &Shares<ACTIONS>,
-        change: &Change,
+        jump: f32,
     ) {
         let Regression { source, range_m, .. } = *regression;
         if let Some(level) = scan.level(range_m) {
-            self.channel.remember_noise(source, scan.action, shares, (range_m, level), change);
+            self.channel.remember_noise(source, scan.action, shares, (range_m, level), jump);
         }
     }
 
@@ -133,23 +115,16 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         scan: &Scan<PATHS>,
         shares: &Shares<ACTIONS>,
         belief: &Belief<PATHS>,
-        change: &Change,
+        jump: f32,
     ) {
         let source = regression.source;
-        for path in own_paths(scan, belief) {
-            self.channel.remember(source, scan.action, path, change);
+        for (path, weight) in scan.measurements.iter().zip(&belief.associated) {
+            if *weight > 0.5 && path.sinr > 0.0 {
+                self.channel.remember(source, scan.action, path, *weight);
+            }
         }
-        self.remember_level(regression, scan, shares, change);
+        self.remember_level(regression, scan, shares, jump);
         let (_, found) = self.expected_sinr(source, scan, Some(regression.range_m));
         self.channel.remember_missed(source, found, belief.missed);
     }
-}
-
-/// The path of a frame that probably belongs to a feature, and how probably.
-fn own_paths<'a, const PATHS: usize>(
-    scan: &'a Scan<PATHS>,
-    belief: &'a Belief<PATHS>,
-) -> impl Iterator<Item = (&'a Measurement, f32)> {
-    let weights = belief.associated.iter().copied();
-    scan.measurements.iter().zip(weights).filter(|(path, weight)| *weight > 0.5 && path.sinr > 0.0)
 }

@@ -10,9 +10,7 @@
 //! sources is interference; what comes slowly is the place, up to a limit beyond which it is interference as well. Noise
 //! heard with an action that was hardly used tells of that action; with a familiar one, of the place. Actions also tell of
 //! their spectral neighbours, in proportion to the fourth power of the overlap rho of the two pulses' spectra, and by
-//! Friis's law a path loses as the carrier squared: energies are compared at the carrier of the first action. A receiver
-//! with gain control scales every frame as it likes; the mean change of the energies found is then taken for the gain, so
-//! that what weakens all paths at once looks like noise.
+//! Friis's law a path loses as the carrier squared: energies are compared at the carrier of the first action.
 //!
 //! A path that was not found although the frame's own noise let it is hidden: visibility is the state of a two-state Markov
 //! chain. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn
@@ -59,20 +57,10 @@ const MOST_SINR_LN: f32 = 27.6;
 /// How much a sample at one action tells of every action: 1 at its own, 0 to 1 at the others.
 pub type Shares<const ACTIONS: usize> = [f32; ACTIONS];
 
-/// What has changed with a frame for all sources of its anchor.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Change {
-    /// ln of the power gain of the receiver, over that of the first frames.
-    pub gain_ln: f32,
-    /// How far the noise has changed because interference came or went: 0 to 1.
-    pub jump: f32,
-}
-
-impl Change {
-    /// That of a frame with this gain, whose noise deviates from what was expected by this mean over the sources, as ln.
-    pub fn new(gain_ln: f32, noise_ln: f32) -> Self {
-        Self { gain_ln, jump: limited((abs(noise_ln) - JUMP_LN) / JUMP_WIDTH_LN, 0.0, 1.0) }
-    }
+/// How far noise has changed because interference came or went, 0 to 1, where it deviates from what was expected by this
+/// mean over the sources, as ln.
+pub fn jump(noise_ln: f32) -> f32 {
+    limited((abs(noise_ln) - JUMP_LN) / JUMP_WIDTH_LN, 0.0, 1.0)
 }
 
 /// What is known of one source.
@@ -125,8 +113,6 @@ pub struct ChannelMemory<const ANCHORS: usize, const VAS: usize, const ACTIONS: 
     virtual_anchors: [Row<ACTIONS>; VAS],
     /// Effective number of frames of an anchor at an action, neighbours and age counted in.
     heard: [[f32; ACTIONS]; ANCHORS],
-    /// ln of the power gain that the last frame of an anchor had over the first ones.
-    gain_ln: [f32; ANCHORS],
     prior_ln: f32,
     neighbours: bool,
     full_band: bool,
@@ -149,7 +135,6 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             direct: [Row::default(); ANCHORS],
             virtual_anchors: [Row::default(); VAS],
             heard: [[0.0; ACTIONS]; ANCHORS],
-            gain_ln: [0.0; ANCHORS],
             prior_ln: ln(prior_sinr),
             neighbours,
             full_band: false,
@@ -171,7 +156,8 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         }
     }
 
-    fn loss_ln(&self, action: usize) -> f32 {
+    /// ln of the power lost to the carrier of the first action (Friis).
+    pub fn loss_ln(&self, action: usize) -> f32 {
         self.loss_ln.get(action).copied().unwrap_or(0.0)
     }
 
@@ -201,12 +187,6 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         }
     }
 
-    /// ln of the energy of a path found with `action`, over that expected of `source`; `None` if it was never seen.
-    pub fn energy_innovation_ln(&self, source: Source, action: usize, path: &Measurement) -> Option<f32> {
-        let row = self.row(source).filter(|row| row.is_seen())?;
-        Some(self.compensated_ln(action, path) - row.energy_ln)
-    }
-
     /// ln of the level of noise in a frame received with `action` where the path of `source` arrives, over that expected;
     /// `None` if none was ever received.
     pub fn noise_innovation_ln(&self, source: Source, action: usize, level: f32) -> Option<f32> {
@@ -219,20 +199,20 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         level_ln(path.energy * (path.range_m * path.range_m)) + self.loss_ln(action)
     }
 
-    /// Enters the level of noise (in squared units of the samples) in a frame received with `action`, whose `shares` these
-    /// are, where the path of `source` arrives if it is `range_m` long.
+    /// Enters the level of noise in a frame received with `action`, whose `shares` these are, where the path of `source`
+    /// arrives if it is `range_m` long; `jump` is [`jump`].
     pub fn remember_noise(
         &mut self,
         source: Source,
         action: usize,
         shares: &Shares<ACTIONS>,
         (range_m, level): (f32, f32),
-        change: &Change,
+        jump: f32,
     ) {
         if self.full_band {
             return;
         }
-        let level_ln = level_ln(level) - change.gain_ln;
+        let level_ln = level_ln(level);
         let news = self.news(source.anchor(), action);
         // A virtual anchor begins with what disturbs the direct path of its anchor.
         let excess_ln = self.direct.get(source.anchor()).map_or([0.0; ACTIONS], |direct| direct.excess_ln);
@@ -247,8 +227,8 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             }
         };
         let innovation = level_ln - (noise_ln + row.excess_ln(action));
-        let rate = larger(EXCESS_JUMP * change.jump, EXCESS_RATE + EXCESS_NEWS * news);
-        let noise_ln = noise_ln + NOISE_RATE * (1.0 - change.jump) * ((1.0 - rate) * innovation);
+        let rate = larger(EXCESS_JUMP * jump, EXCESS_RATE + EXCESS_NEWS * news);
+        let noise_ln = noise_ln + NOISE_RATE * (1.0 - jump) * ((1.0 - rate) * innovation);
         let above = larger(noise_ln - (row.usual_ln + PLACE_LN), 0.0);
         let entered = rate * innovation + above;
         for (excess, share) in row.excess_ln.iter_mut().zip(shares) {
@@ -261,15 +241,9 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 
     /// Enters a path observed with `action`, and believed to belong to `source` with probability `weight`.
-    pub fn remember(
-        &mut self,
-        source: Source,
-        action: usize,
-        (path, weight): (&Measurement, f32),
-        change: &Change,
-    ) {
+    pub fn remember(&mut self, source: Source, action: usize, path: &Measurement, weight: f32) {
         let news = self.news(source.anchor(), action);
-        let energy_ln = self.compensated_ln(action, path) - change.gain_ln;
+        let energy_ln = self.compensated_ln(action, path);
         let Some(row) = self.row_mut(source) else { return };
         let innovation = energy_ln - row.energy_ln;
         let gain = larger(ENERGY_RATE * (1.0 - news) * weight, weight / (row.paths + weight + 1e-6));
@@ -287,10 +261,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 
     /// Enters that a frame of an anchor was received, after what it told of its sources.
-    pub fn remember_frame(&mut self, anchor: usize, shares: &Shares<ACTIONS>, change: &Change) {
-        if let Some(gain_ln) = self.gain_ln.get_mut(anchor) {
-            *gain_ln = change.gain_ln;
-        }
+    pub fn remember_frame(&mut self, anchor: usize, shares: &Shares<ACTIONS>) {
         let Some(heard) = self.heard.get_mut(anchor) else { return };
         for (count, share) in heard.iter_mut().zip(shares) {
             *count = *count * (1.0 - share * (1.0 / WINDOW)) + share;
@@ -333,11 +304,6 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         self.heard.get(anchor).and_then(|heard| heard.get(action)).copied().unwrap_or(0.0)
     }
 
-    /// ln of the power gain that the last frame of an anchor had over the first ones.
-    pub fn gain_ln(&self, anchor: usize) -> f32 {
-        self.gain_ln.get(anchor).copied().unwrap_or(0.0)
-    }
-
     /// Probability that nothing hides `source`.
     pub fn visibility(&self, source: Source) -> f32 {
         self.row(source).map_or(1.0, |row| row.visibility)
@@ -363,11 +329,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         exp(self.sinr_ln(source, action))
     }
 
-    /// SINR (linear) that `source` would have with `action` `range_m` away over noise of this level (in squared units of
-    /// the samples of a frame with the gain of the last one) where nothing hides it; `None` if it was never seen, or is told anyway.
+    /// SINR (linear) that `source` would have with `action` `range_m` away over noise of this level where nothing hides it;
+    /// `None` if it was never seen, or is told anyway.
     pub fn sinr_over(&self, source: Source, action: usize, range_m: f32, level: f32) -> Option<f32> {
         let row = self.row(source).filter(|row| row.is_seen() && !self.full_band)?;
-        let energy = exp(row.energy_ln + self.gain_ln(source.anchor()) - self.loss_ln(action));
+        let energy = exp(row.energy_ln - self.loss_ln(action));
         Some(energy / larger(level * (range_m * range_m), 1e-30))
     }
 
@@ -382,11 +348,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             f(row.usual_ln);
             row.excess_ln.iter().for_each(|value| f(*value));
         }
-        self.heard.iter().flatten().chain(&self.gain_ln).for_each(|value| f(*value));
+        self.heard.iter().flatten().for_each(|value| f(*value));
     }
 }
 
-/// ln of a power in squared units of the samples, bounded.
+/// ln of a power, bounded.
 fn level_ln(level: f32) -> f32 {
     ln(limited(level, 1e-30, 1e30))
 }
@@ -418,14 +384,14 @@ mod tests {
     ) {
         let shares = memory.shares(action, library);
         memory.age();
-        let change = Change::new(0.0, memory.noise_innovation_ln(SOURCE, action, level).unwrap_or(0.0));
+        let jump = jump(memory.noise_innovation_ln(SOURCE, action, level).unwrap_or(0.0));
         if let Some(path) = &path {
-            memory.remember(SOURCE, action, (path, 1.0), &change);
+            memory.remember(SOURCE, action, path, 1.0);
         }
-        memory.remember_noise(SOURCE, action, &shares, (2.0, level), &change);
+        memory.remember_noise(SOURCE, action, &shares, (2.0, level), jump);
         let found = detection_probability(memory.sinr(SOURCE, action), 6.0);
         memory.remember_missed(SOURCE, found, if path.is_some() { 0.0 } else { 1.0 });
-        memory.remember_frame(0, &shares, &change);
+        memory.remember_frame(0, &shares);
     }
 
     fn hear(memory: &mut Memory, library: &Library<40>, action: usize, sinr: f32) {
@@ -469,25 +435,6 @@ mod tests {
         };
         let (place, carrier) = (rise(1.005, 1.64 * QUIET), rise(1.02, 12.2 * QUIET));
         assert!(place < 0.15 && carrier > 0.6, "{place} {carrier}");
-    }
-
-    /// A receiver that scales what it receives changes nothing.
-    #[test]
-    fn gain_is_no_noise() {
-        let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, true, &library);
-        (0..60).for_each(|_| hear(&mut memory, &library, 20, 100.0));
-        let before = memory.sinr_ln(SOURCE, 20);
-        let mut louder = path(100.0);
-        louder.energy *= 50.0;
-        let gain_ln = memory.energy_innovation_ln(SOURCE, 20, &louder).unwrap();
-        let noise_ln = memory.noise_innovation_ln(SOURCE, 20, QUIET * 50.0).unwrap();
-        assert!((gain_ln - 50_f32.ln()).abs() < 1e-3 && (noise_ln - gain_ln).abs() < 1e-3);
-        let change = Change::new(gain_ln, noise_ln - gain_ln);
-        let shares = memory.shares(20, &library);
-        memory.remember(SOURCE, 20, (&louder, 1.0), &change);
-        memory.remember_noise(SOURCE, 20, &shares, (2.0, QUIET * 50.0), &change);
-        assert!((memory.sinr_ln(SOURCE, 20) - before).abs() < 1e-3);
     }
 
     #[test]

@@ -10,7 +10,6 @@ use cogmint_board::meter::{StackMeter, instructions};
 use cogmint_board::{FRAMES, SAMPLES};
 use cogmint_core::observation::{Complex, Observation};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
-use cogmint_core::pulse::Pulse;
 use cortex_m_rt::entry;
 
 type Estimator = ChannelEstimator<16>;
@@ -31,7 +30,7 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Option<()> {
     let setup = feed.setup()?;
     let radio = setup.config.radio;
     let action = setup.actions.first()?;
-    let pulse = Pulse { duration_s: action.pulse_duration_s, shape: radio.pulse_shape };
+    let pulse = radio.pulse(action);
     let estimator =
         Estimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame);
     let mut deepest = 0;

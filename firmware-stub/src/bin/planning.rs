@@ -8,6 +8,8 @@
 use cogmint_board::Once;
 use cogmint_board::host::{self, File, Line};
 use cogmint_board::meter::{StackMeter, instructions};
+use cogmint_core::Config;
+use cogmint_core::config::Radio;
 use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
 use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Outlook, Scene, Visible};
 use cogmint_core::controller::reward::Reward;
@@ -102,7 +104,7 @@ fn outlook(feed: &mut File) -> Option<Outlook> {
         acceleration_std_m_s2,
         variance_inflation,
         range_floor_m,
-        pulse_shape: PulseShape::RootRaisedCosine { roll_off },
+        radio: Radio { pulse_shape: PulseShape::RootRaisedCosine { roll_off }, ..Config::default().radio },
         threshold,
     })
 }

@@ -134,7 +134,8 @@ pub fn estimate(
         .iter()
         .map(|action| {
             let shape = pulse_shape(&recording.radio);
-            let pulse = Pulse { duration_s: action.pulse_duration_s as f32, shape };
+            let duration_s = action.pulse_duration_s as f32;
+            let pulse = Pulse { duration_s, shape }.sampled_every(spacing_s as f32);
             Stage::new(&pulse, spacing_s, chosen[0].2.samples.len(), options)
         })
         .collect();

@@ -63,15 +63,13 @@ impl<T: Real> Row<T> {
     }
 }
 
-/// A frame received: with which action, what that tells of every action, and what was new to all of its anchor's sources.
+/// A frame received: with which action, what that tells of every action, and whether its noise has jumped.
 #[derive(Clone, Debug)]
 pub struct Received<T> {
     /// The action.
     pub action: usize,
     /// What a sample at this action counts at every action.
     pub shares: Vec<T>,
-    /// ln of the gain over that of the first frames.
-    pub gain_ln: T,
     /// How far interference came or went: 0 to 1.
     pub jump: T,
 }
@@ -92,8 +90,6 @@ pub struct ChannelMemory<T> {
     virtual_anchors: Vec<Row<T>>,
     /// By anchor and action: frames heard, aged, at most 40.
     heard: Vec<Vec<T>>,
-    /// By anchor: ln of the gain of the last frame.
-    gain_ln: Vec<T>,
     prior_ln: T,
     /// Whether actions tell of each other.
     neighbours: bool,
@@ -117,7 +113,6 @@ impl<T: Real> ChannelMemory<T> {
             direct: vec![Row::empty(actions); anchors],
             virtual_anchors: vec![Row::empty(actions); slots],
             heard: vec![vec![T::ZERO; actions]; anchors],
-            gain_ln: vec![T::ZERO; anchors],
             prior_ln: ln(prior_sinr),
             neighbours,
             loss_ln,
@@ -168,12 +163,6 @@ impl<T: Real> ChannelMemory<T> {
         power_ln(path.energy * square(path.range_m)) + self.loss_ln[action]
     }
 
-    /// How far a path's energy is above that known of its source; none if that was never seen.
-    pub fn energy_change(&self, source: Source, action: usize, path: &Measurement<T>) -> Option<T> {
-        let row = self.row(source);
-        row.is_seen().then(|| self.standard_ln(action, path) - row.energy_ln)
-    }
-
     /// How far a level of noise is above that known where a source's path arrives; none if nothing is known.
     pub fn noise_change(&self, source: Source, action: usize, level: T) -> Option<T> {
         let row = self.row(source);
@@ -188,7 +177,7 @@ impl<T: Real> ChannelMemory<T> {
     /// Enters the level of noise at a source's range.
     pub fn remember_noise(&mut self, source: Source, received: &Received<T>, [range_m, level]: [T; 2]) {
         let action = received.action;
-        let now_ln = power_ln(level) - received.gain_ln;
+        let now_ln = power_ln(level);
         let steady = T::of(EXCESS_RATE) + T::of(EXCESS_NEWS) * self.news(source, action);
         let rate = larger(T::of(EXCESS_JUMP) * received.jump, steady);
         let of_direct = self.direct[source.anchor()].excess_ln.clone();
@@ -217,7 +206,7 @@ impl<T: Real> ChannelMemory<T> {
 
     /// Enters a path that belongs to `source` with probability `weight`.
     pub fn remember(&mut self, source: Source, received: &Received<T>, path: &Measurement<T>, weight: T) {
-        let now_ln = self.standard_ln(received.action, path) - received.gain_ln;
+        let now_ln = self.standard_ln(received.action, path);
         let familiar = T::ONE - self.news(source, received.action);
         let row = self.row_mut(source);
         let by_count = weight / (row.paths + weight + T::of(1e-6));
@@ -237,17 +226,16 @@ impl<T: Real> ChannelMemory<T> {
         row.visibility = T::ONE + missed * (visible - T::ONE);
     }
 
-    /// Counts a frame of an anchor, and keeps its gain.
+    /// Counts a frame of an anchor.
     pub fn remember_frame(&mut self, anchor: usize, received: &Received<T>) {
-        self.gain_ln[anchor] = received.gain_ln;
         for (count, share) in self.heard[anchor].iter_mut().zip(&received.shares) {
             *count = *count * (T::ONE - *share * (T::ONE / T::of(WINDOW))) + *share;
         }
     }
 
-    /// ln of the gain of an anchor's last frame.
-    pub fn gain_ln(&self, anchor: usize) -> T {
-        self.gain_ln[anchor]
+    /// 2 ln(f / f_1) of an action.
+    pub fn loss_ln(&self, action: usize) -> T {
+        self.loss_ln[action]
     }
 
     /// Forgets a virtual anchor.
@@ -288,7 +276,7 @@ impl<T: Real> ChannelMemory<T> {
         if !row.is_seen() {
             return None;
         }
-        let energy = exp(row.energy_ln + self.gain_ln[source.anchor()] - self.loss_ln[action]);
+        let energy = exp(row.energy_ln - self.loss_ln[action]);
         Some(energy / larger(level * square(range_m), T::of(1e-30)))
     }
 
@@ -311,9 +299,6 @@ impl<T: Real> ChannelMemory<T> {
             for (action, count) in heard.iter().enumerate() {
                 f(format_args!("frames of anchor {anchor} at action {action}"), *count);
             }
-        }
-        for (anchor, gain) in self.gain_ln.iter().enumerate() {
-            f(format_args!("ln gain of anchor {anchor}"), *gain);
         }
     }
 }

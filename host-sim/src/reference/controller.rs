@@ -12,12 +12,11 @@ use super::information::{PositionInformation, determinant, position_entropy_nat,
 use super::pulse::Pulse;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square};
 use super::state_filter::predict_agent;
-use cogmint_core::config::ControllerSettings;
+use cogmint_core::config::{ControllerSettings, Radio};
 use cogmint_core::controller::library::Action;
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::controller::value::Learning;
 use cogmint_core::perceptor::state_filter::Source;
-use cogmint_core::pulse::PulseShape;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
@@ -66,8 +65,8 @@ impl<T: Real> Library<T> {
     }
 
     /// The pulse of an action.
-    pub fn pulse(&self, action: usize, shape: &PulseShape) -> Pulse<T> {
-        Pulse::new(self.duration_s[action], shape)
+    pub fn pulse(&self, action: usize, radio: &Radio) -> Pulse<T> {
+        Pulse::new(self.duration_s[action], &radio.pulse_shape).sampled_every(T::of(radio.sample_spacing_s))
     }
 
     /// Spectral overlap of two actions, by linear interpolation of the table over their distance in mean widths, times
@@ -233,8 +232,8 @@ pub struct Outlook<T> {
     pub variance_inflation: T,
     /// Least standard deviation of a range, metres.
     pub range_floor_m: T,
-    /// Shape of the pulse.
-    pub pulse_shape: PulseShape,
+    /// The radio.
+    pub radio: Radio,
     /// Threshold on the normalised energy of a path.
     pub threshold: T,
 }
@@ -305,7 +304,7 @@ impl<T: Real> Prospect<'_, T> {
         [x, y]: [T; 2],
     ) {
         let (outlook, memory) = (self.outlook, self.memory);
-        let pulse = self.library.pulse(action, &outlook.pulse_shape);
+        let pulse = self.library.pulse(action, &outlook.radio);
         // Order: the variance at SINR 1, inflated, divided by the SINR.
         let unit = outlook.variance_inflation * pulse.range_variance_m2(T::ONE);
         let slope = range_slope([x - source.position_m[0], y - source.position_m[1]], source.height_m);

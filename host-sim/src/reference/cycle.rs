@@ -9,6 +9,7 @@ use super::channel_memory::{ChannelMemory, Received, jump};
 use super::controller::{Controller, Library, Outcome, Outlook, Prospect, Visible, reward};
 use super::discovery::{Background, Claims, Discovered, Discovery, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
+use super::gain_control::GainControl;
 use super::information::position_entropy_nat;
 use super::loss::{LossMonitor, evidence_nat};
 use super::manoeuvre::{ACCELERATION_FACTOR, is_doubtful, is_manoeuvre};
@@ -60,6 +61,8 @@ pub struct Scan<T> {
     pub threshold: T,
     /// The frame's noise and its first sample's delay, seconds.
     pub noise: Option<(NoiseLevel<T>, T)>,
+    /// The power that counts as 1.
+    pub unit: T,
     /// Ranges and paths that there was no room for.
     pub left_out: u32,
 }
@@ -129,6 +132,8 @@ pub struct Reference<T> {
 
     /// Cycles run.
     pub cycle: u32,
+    /// What frames are measured in, by anchor.
+    pub gain_control: Vec<GainControl<T>>,
     /// Tag, biases and virtual anchors.
     pub filter: StateFilter<T>,
     /// Which virtual anchors exist.
@@ -201,6 +206,7 @@ impl<T: Real> Reference<T> {
             estimators: Vec::new(),
             threshold: T::ZERO,
             cycle: 0,
+            gain_control: vec![GainControl::default(); capacity.anchors],
             filter,
             environment,
             channel,
@@ -211,7 +217,7 @@ impl<T: Real> Reference<T> {
             last_sequence: vec![None; capacity.anchors],
         };
         let first = config.controller.first_action;
-        let first = reference.library.pulse(first, &config.radio.pulse_shape);
+        let first = reference.library.pulse(first, &config.radio);
         reference.threshold = reference.estimator(&first).threshold();
         reference
     }
@@ -311,6 +317,7 @@ impl<T: Real> Reference<T> {
                 framed: false,
                 threshold: T::ZERO,
                 noise: None,
+                unit: T::ONE,
                 left_out: 0,
             };
             // Ranges first: they outrank the paths near them.
@@ -355,13 +362,19 @@ impl<T: Real> Reference<T> {
     }
 
     fn take_frame(&mut self, frame: &Frame<'_>, scan: &mut Scan<T>) -> ChannelEstimate<T> {
-        let pulse = self.library.pulse(frame.action, &self.config.radio.pulse_shape);
+        let pulse = self.library.pulse(frame.action, &self.config.radio);
         let estimator = self.estimator(&pulse);
         let estimate = estimator.estimate(frame.samples, T::of(frame.first_sample_delay_s));
         scan.action = frame.action;
         scan.framed = true;
         let threshold = estimator.threshold();
         scan.threshold = threshold;
+        scan.unit = if self.config.radio.gain_control {
+            let loss_ln = self.channel.loss_ln(frame.action);
+            self.gain_control[frame.anchor].unit(frame.samples, estimate.noise.white, loss_ln)
+        } else {
+            T::ONE
+        };
         scan.noise = Some((estimate.noise.clone(), T::of(frame.first_sample_delay_s)));
         let ranges = scan.measurements.clone();
         self.threshold = threshold;
@@ -381,7 +394,7 @@ impl<T: Real> Reference<T> {
                 range_m,
                 variance_m2: self.measurement_variance(pulse.range_variance_m2(path.sinr)),
                 sinr: path.sinr,
-                energy: square(path.amplitude[0]) + square(path.amplitude[1]),
+                energy: (square(path.amplitude[0]) + square(path.amplitude[1])) / scan.unit,
                 false_alarm: false_alarm(path.sinr, scan.threshold),
             });
         }
@@ -553,7 +566,7 @@ impl<T: Real> Reference<T> {
             }
         }
         if scan.framed {
-            let pulse = self.library.pulse(scan.action, &self.config.radio.pulse_shape);
+            let pulse = self.library.pulse(scan.action, &self.config.radio);
             let arrivals: Vec<_> = (0..regressions.len())
                 .map(|k| Arrival {
                     range_m: regressions[k].range_m,
@@ -619,11 +632,11 @@ impl<T: Real> Reference<T> {
         [sinr, detection_probability(sinr, scan.threshold)]
     }
 
-    /// Noise of a frame where a path of this length arrives; none without a frame.
+    /// Noise of a frame where a path of this length arrives, in the frame's unit; none without a frame.
     fn noise_at(&self, scan: &Scan<T>, range_m: T) -> Option<T> {
         let (noise, first_s) = scan.noise.as_ref()?;
         let spacing_s = T::of(self.config.radio.sample_spacing_s);
-        Some(noise.at((range_m / speed_of_light() - *first_s) / spacing_s, spacing_s))
+        Some(noise.at((range_m / speed_of_light() - *first_s) / spacing_s, spacing_s) / scan.unit)
     }
 
     /// SINR that a source's energy has over the noise of a frame; none without a frame, or where it was never seen.
@@ -631,40 +644,22 @@ impl<T: Real> Reference<T> {
         self.channel.sinr_over(source, scan.action, range_m, self.noise_at(scan, range_m)?)
     }
 
-    /// What is new in a frame: the mean change of the energies found, where the receiver's gain may have changed, and whether
-    /// the mean change of the noise is a jump.
+    /// A frame as the channel memory takes it: whether the mean change of the noise is a jump.
     fn received(&self, associated: &AssociatedScan<T>) -> Received<T> {
-        let AssociatedScan { scan, regressions, beliefs, .. } = associated;
+        let AssociatedScan { scan, regressions, .. } = associated;
         let action = scan.action;
-        let (mut energy, mut weights) = (T::ZERO, T::ZERO);
-        for k in 0..regressions.len() {
-            for m in own_paths(scan, &beliefs.features[k]) {
-                let (path, weight) = (&scan.measurements[m], beliefs.features[k].associated[m]);
-                if let Some(change) = self.channel.energy_change(regressions[k].source, action, path) {
-                    energy += weight * change;
-                    weights += weight;
-                }
-            }
-        }
-        let gain_ln = if !self.config.radio.gain_control {
-            T::ZERO
-        } else if weights > T::ZERO {
-            energy / weights
-        } else {
-            self.channel.gain_ln(scan.anchor)
-        };
         let (mut noise, mut count) = (T::ZERO, T::ZERO);
         for regression in regressions {
             let level = self.noise_at(scan, regression.range_m);
             if let Some(change) =
                 level.and_then(|level| self.channel.noise_change(regression.source, action, level))
             {
-                noise += change - gain_ln;
+                noise += change;
                 count += T::ONE;
             }
         }
         let shares = self.channel.shares(action, &self.library);
-        Received { action, shares, gain_ln, jump: jump(noise / larger(count, T::ONE)) }
+        Received { action, shares, jump: jump(noise / larger(count, T::ONE)) }
     }
 
     /// The noise of a frame, for every source, where association means nothing.
@@ -843,7 +838,7 @@ impl<T: Real> Reference<T> {
             let known_m: Vec<T> = regressions.iter().map(|line| line.range_m).collect();
             // Paths closer than a pulse cannot be told apart.
             let resolution_m = if scan.framed {
-                self.library.pulse(scan.action, &self.config.radio.pulse_shape).duration_s * speed_of_light()
+                self.library.pulse(scan.action, &self.config.radio).duration_s * speed_of_light()
             } else {
                 T::ZERO
             };
@@ -987,7 +982,7 @@ impl<T: Real> Reference<T> {
             acceleration_std_m_s2: T::of(self.config.motion.acceleration_std_m_s2),
             variance_inflation: T::of(self.config.ranging.variance_inflation),
             range_floor_m: T::of(self.config.ranging.floor_m),
-            pulse_shape: self.config.radio.pulse_shape,
+            radio: self.config.radio,
             threshold: self.threshold,
         }
     }

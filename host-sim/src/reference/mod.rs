@@ -8,6 +8,7 @@
 //! | --- | --- |
 //! | [`real`] | the number type: `f32` or `f64` |
 //! | [`pulse`], [`channel_estimator`] | frame to paths |
+//! | [`gain_control`] | what a frame's powers are measured in |
 //! | [`acquisition`] | where the tag is, at first |
 //! | [`overlap`], [`association`] | paths to features |
 //! | [`manoeuvre`] | whether the tag moves as expected |
@@ -36,6 +37,7 @@ pub mod controller;
 pub mod cycle;
 pub mod discovery;
 pub mod environment;
+pub mod gain_control;
 pub mod information;
 pub mod loss;
 pub mod manoeuvre;

@@ -7,14 +7,16 @@
 //! The channel estimator uses R from a table of 64 steps per T_p up to 4 T_p, interpolated linearly: the table is
 //! part of the contract, not the closed form.
 
-use cogmint_core::pulse::PulseShape;
+use cogmint_core::pulse::{PULSE_SAMPLES, PulseShape};
 
-use super::real::{Real, abs, cos, larger, pi, sin, speed_of_light, sqrt, square, tau};
+use super::real::{Real, abs, cos, larger, limited, pi, sin, speed_of_light, sqrt, square, tau};
 
 /// Table steps per pulse duration.
 const STEPS: usize = 64;
 /// Pulse durations beyond which R counts as zero.
 const SUPPORT: usize = 4;
+/// Lag from sample to sample of a limited pulse, pulse durations.
+const LAG: f32 = SUPPORT as f32 / (PULSE_SAMPLES - 1) as f32;
 
 /// A pulse.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,6 +52,35 @@ impl<T: Real> Pulse<T> {
             },
         };
         Self { duration_s, shape }
+    }
+
+    /// What is left of it where samples are `spacing_s` apart: 33 samples of R by the sum over 32 points of a band that half
+    /// the sampling rate ends, beyond 0.8 of it along a cosine. Pulses that end below 0.85 of it are whole.
+    pub fn sampled_every(self, spacing_s: T) -> Self {
+        let num = T::of;
+        let Shape::RootRaisedCosine(roll_off) = self.shape else { return self };
+        let nyquist = num(0.5) * self.duration_s / spacing_s;
+        if num(0.5) * (T::ONE + roll_off) < num(0.85) * nyquist {
+            return self;
+        }
+        let mut sums = vec![T::ZERO; PULSE_SAMPLES];
+        for n in 0..32 {
+            let frequency = (T::of_count(n) + num(0.5)) * (nyquist * num(1.0 / 32.0));
+            let into = (frequency - num(0.5) * (T::ONE - roll_off)) / larger(roll_off, num(1e-3));
+            let beyond = (frequency - num(0.8) * nyquist) / (num(0.2) * nyquist);
+            let power = falling(into) * falling(beyond);
+            // Order: Chebyshev's recursion, not a cosine each.
+            let turn = num(2.0) * cos(tau::<T>() * frequency * num(LAG));
+            let (mut last, mut now) = (num(0.5) * turn, T::ONE);
+            for sum in &mut sums {
+                *sum += power * now;
+                (last, now) = (now, turn * now - last);
+            }
+        }
+        let energy = sums[0];
+        let autocorrelation = sums.into_iter().map(|sum| sum / energy).collect();
+        let step_s = num(LAG) * self.duration_s;
+        Self { shape: Shape::Sampled { step_s, autocorrelation }, ..self }
     }
 
     /// R at a lag in pulse durations.
@@ -102,6 +133,11 @@ impl<T: Real> Pulse<T> {
         // Order: ((2 tau^2) (beta/c)^2) SINR.
         T::ONE / (num(2.0) * square(tau::<T>()) * square(beta_over_c) * larger(sinr, num(1e-3)))
     }
+}
+
+/// 1 at 0, 0 at 1, along a cosine.
+fn falling<T: Real>(x: T) -> T {
+    T::of(0.5) * (T::ONE + cos(pi::<T>() * limited(x, T::ZERO, T::ONE)))
 }
 
 fn raised_cosine<T: Real>(lag: T, roll_off: T) -> T {

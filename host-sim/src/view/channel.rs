@@ -89,7 +89,9 @@ fn panel(
             (samples.iter().map(|m| f64::from(*m)).collect(), observation::Samples::Magnitude(samples))
         }
     };
-    let pulse = Pulse { duration_s: action.pulse_duration_s as f32, shape: pulse_shape(&recording.radio) };
+    let duration_s = action.pulse_duration_s as f32;
+    let shape = pulse_shape(&recording.radio);
+    let pulse = Pulse { duration_s, shape }.sampled_every(spacing_s as f32);
     let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s as f32, count, false_paths);
     let estimate = estimator.estimate(samples, first_s as f32)?;
     let estimated = estimate.paths.iter().map(|path| {

@@ -319,4 +319,16 @@ mod tests {
         assert_eq!(alone, run(3));
         assert_eq!(alone.controllers.len(), Controller::ALL.len());
     }
+
+    /// Two channels, and gain control: what a DW3000 can do about a neighbour on channel 5.
+    #[test]
+    fn a_jammed_radio_with_gain_control_goes_where_it_is_quiet_and_keeps_the_tag() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/jammed-office.toml");
+        let (scenario, _) = Scenario::find(file).expect("is in the repository");
+        let campaign = Campaign { runs: 1, seed: 21, variant: Variant::Soft, watched: false };
+        let figures = compare(&scenario, None, &[Controller::Cognitive], &campaign, || {}).expect("runs");
+        let [fixed, cognitive, _] = &figures.controllers[..] else { panic!("fixed, cognitive, genie") };
+        assert!(fixed.diverged > 0 && cognitive.diverged == 0, "{figures:?}");
+        assert!(cognitive.fraction_of_genie > 0.9, "{figures:?}");
+    }
 }

@@ -10,7 +10,6 @@ use crate::channel::random::normal;
 use cogmint_core::memory::environment::CONFIRMED;
 use cogmint_core::perceptor::association::detection_probability;
 use cogmint_core::perceptor::state_filter::Source;
-use cogmint_core::pulse::Pulse;
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 
@@ -97,7 +96,7 @@ impl<const A: usize> Choose<A> for OnMemory {
                 let factor = self.factor(f64::from(memory.frames(anchor, action)));
                 let sinr = factor * f64::from(memory.sinr(source, action));
                 let Some(entry) = tracker.library().get(action) else { continue };
-                let pulse = Pulse { duration_s: entry.pulse_duration_s, shape: config.radio.pulse_shape };
+                let pulse = config.radio.pulse(entry);
                 let range_m2 = f64::from(config.ranging.variance_inflation)
                     * f64::from(pulse.range_variance_m2(sinr as f32))
                     + f64::from(config.ranging.floor_m).powi(2);

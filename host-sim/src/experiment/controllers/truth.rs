@@ -11,7 +11,6 @@ use crate::replay::{PATHS, Setup};
 use crate::simulator::Simulator;
 use cogmint_core::perceptor::association::detection_probability;
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
-use cogmint_core::pulse::Pulse;
 
 use rayon::prelude::*;
 
@@ -41,9 +40,8 @@ impl Truth {
             .actions
             .iter()
             .map(|action| {
-                let pulse = Pulse { duration_s: action.pulse_duration_s, shape: radio.pulse_shape };
                 let estimator = ChannelEstimator::<PATHS>::new(
-                    pulse,
+                    radio.pulse(action),
                     radio.sample_spacing_s,
                     radio.samples_per_frame,
                     radio.false_paths_per_frame,

@@ -1,0 +1,133 @@
+//! The unit of a frame's power where the receiver scales every frame as it likes (automatic gain control).
+//!
+//! The receiver's own noise is the same in every frame, so the white noise of a frame is the unit, unless an interferer
+//! raised it: then all that stands out of it (samples 9 dB above) does so less far than in the frames before. Two hypotheses
+//! compete: what stands out varies as it always does, or the noise rose, by anything up to 10 nats. Some of what stands out
+//! is then the interferer's, so that the noise rose at least by what is missing: by the mean of that and 10 nats, it is
+//! taken. The unit leaves the rise out, times its probability.
+
+use crate::observation::Samples;
+use crate::real::{exp, larger, limited, ln};
+
+/// What stands out: this many times the white noise.
+const STANDS_OUT: f32 = 8.0;
+/// Standard deviation of ln of its sum, from frame to frame (0.1 to 0.3 in flats and halls that were recorded, 0.4 where
+/// pulses of 2 ns overlap).
+const DEVIATION_LN: f32 = 0.4;
+/// A rise is any up to this.
+const MOST_LN: f32 = 10.0;
+/// Odds of no rise at no deviation: prior 49 to 1, and the density of the normal distribution over that of the even one.
+const ODDS: f32 = 49.0 * MOST_LN / (2.5066 * DEVIATION_LN);
+/// How fast the mean follows; within 1 nat of it, and by this share of that where the noise rose for certain.
+const RATE: f32 = 0.1;
+const RISEN_SHARE: f32 = 0.3;
+
+/// What is known of the frames of one anchor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GainControl {
+    /// Mean of ln of what stands out over the white noise, at the reference carrier; `None` before the first frame.
+    standing_ln: Option<f32>,
+}
+
+impl GainControl {
+    /// The power, in squared units of the samples, to be taken as 1 in a frame with this level of white noise; `loss_ln` is
+    /// ln of the power lost to the reference carrier. Finite and positive.
+    pub fn unit(&mut self, samples: Samples<'_>, white: f32, loss_ln: f32) -> f32 {
+        let white = limited(white, 1e-30, 1e30);
+        let standing_ln = ln(standing_out(samples, STANDS_OUT * white) / white) + loss_ln;
+        let mean_ln = self.standing_ln.unwrap_or(standing_ln);
+        let missing_ln = limited(mean_ln - standing_ln, -50.0, 50.0);
+        let scaled = larger(missing_ln, 0.0) * (1.0 / DEVIATION_LN);
+        let risen = 1.0 / (1.0 + ODDS * exp(-0.5 * (scaled * scaled)));
+        let rate = RATE * (1.0 - (1.0 - RISEN_SHARE) * risen);
+        self.standing_ln = Some(mean_ln - rate * limited(missing_ln, -1.0, 1.0));
+        white * exp(-0.5 * risen * (larger(missing_ln, 0.0) + MOST_LN))
+    }
+
+    /// The state, for traces; 0 before the first frame.
+    pub fn visit(&self, mut f: impl FnMut(f32)) {
+        f(self.standing_ln.unwrap_or(0.0));
+    }
+}
+
+/// Sum of the powers above `least`; at least that.
+fn standing_out(samples: Samples<'_>, least: f32) -> f32 {
+    let mut sum = 0.0;
+    let mut enter = |power: f32| {
+        if power > least {
+            sum += power;
+        }
+    };
+    match samples {
+        Samples::Complex(samples) => samples.iter().for_each(|[re, im]| enter(re * re + im * im)),
+        Samples::Magnitude(samples) => samples.iter().for_each(|magnitude| enter(magnitude * magnitude)),
+    }
+    limited(sum, least, 1e36)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A frame of noise 1 with paths of 100, 400 and 900 times that, all times `gain`; the noise once more times `rise`.
+    fn unit(control: &mut GainControl, gain: f32, rise: f32) -> f32 {
+        let mut powers = [rise * gain; 200];
+        for (n, path) in [(20, 900.0), (40, 400.0), (70, 100.0)] {
+            powers[n] = (rise + path) * gain;
+        }
+        let magnitudes = powers.map(f32::sqrt);
+        let complex = powers.map(|power| [0.0, power.sqrt()]);
+        let mut copy = *control;
+        let of_complex = copy.unit(Samples::Complex(&complex), rise * gain, 0.0);
+        let unit = control.unit(Samples::Magnitude(&magnitudes), rise * gain, 0.0);
+        assert!((of_complex / unit - 1.0).abs() < 1e-4);
+        unit
+    }
+
+    #[test]
+    fn the_gain_is_found_whatever_it_is() {
+        let mut control = GainControl::default();
+        for gain in [1.0, 30.0, 1e-4, 1e6, 0.5] {
+            assert!((unit(&mut control, gain, 1.0) / gain - 1.0).abs() < 0.02, "{gain}");
+        }
+    }
+
+    /// An interferer of 13 dB stays: all of it is noise.
+    #[test]
+    fn noise_that_rises_is_no_gain() {
+        let mut control = GainControl::default();
+        (0..20).for_each(|_| assert!((unit(&mut control, 2.0, 1.0) / 2.0 - 1.0).abs() < 0.02));
+        for frame in 0..10 {
+            let found = unit(&mut control, 3.0, 20.0) / 3.0;
+            assert!(found > 1e-3 && found < 1.0, "{frame}: {found}");
+        }
+        // And when the interferer is gone, that is seen at once.
+        assert!((unit(&mut control, 1.0, 1.0) - 1.0).abs() < 0.02);
+    }
+
+    /// Paths that weaken slowly, by 20 dB in 100 frames, are no noise.
+    #[test]
+    fn paths_may_weaken() {
+        let mut control = GainControl::default();
+        for frame in 0..100 {
+            let strength = 10_f32.powf(-0.02 * frame as f32);
+            let mut samples = [1.0; 200];
+            samples[20] = (1.0 + 1e4 * strength).sqrt();
+            let unit = control.unit(Samples::Magnitude(&samples), 1.0, 0.0);
+            assert!((unit - 1.0).abs() < 0.05, "{frame}: {unit}");
+        }
+    }
+
+    #[test]
+    fn any_samples_give_a_unit() {
+        let mut control = GainControl::default();
+        for magnitude in [0.0, 1e-20, 1.0, 1e18, f32::MAX] {
+            for white in [0.0, 1e-38, 1.0, f32::MAX] {
+                for samples in [&[magnitude; 40][..], &[]] {
+                    let unit = control.unit(Samples::Magnitude(samples), white, 3.0);
+                    assert!(unit > 0.0 && unit.is_finite(), "{magnitude} {white}: {unit}");
+                }
+            }
+        }
+    }
+}

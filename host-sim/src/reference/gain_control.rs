@@ -1,0 +1,67 @@
+//! The unit of a frame's power where the receiver scales every frame as it likes.
+//!
+//! Its white noise; or, where an interferer raised that, what it would be without. S, the sum of all powers above 8 times the
+//! white noise, over that noise, is compared with the mean m of ln S: x = m - ln S. A rise has prior odds of 1 to 49, and
+//! x then an even density of 1/10; without one x is normal with a deviation of 0.4. The middle between x and 10, times the
+//! probability of a rise, is left out of the unit. m follows ln S by a tenth, but no further than a tenth of a nat, and by 0.3 of that in a rise.
+
+use super::real::{Real, exp, larger, limited, ln, square};
+use cogmint_core::observation::Samples;
+use std::fmt;
+
+const STANDS_OUT: f32 = 8.0;
+const DEVIATION: f32 = 0.4;
+const MOST: f32 = 10.0;
+const ODDS: f32 = 49.0 * MOST / (2.5066 * DEVIATION);
+const RATE: f32 = 0.1;
+const RISEN_SHARE: f32 = 0.3;
+
+/// One anchor's frames.
+#[derive(Clone, Copy, Debug)]
+pub struct GainControl<T> {
+    /// m; none before the first frame.
+    mean_ln: Option<T>,
+}
+
+impl<T> Default for GainControl<T> {
+    fn default() -> Self {
+        Self { mean_ln: None }
+    }
+}
+
+impl<T: Real> GainControl<T> {
+    /// The unit of a frame with this level of white noise, received with an action that loses `loss_ln` more than the first.
+    pub fn unit(&mut self, samples: Samples<'_>, white: T, loss_ln: T) -> T {
+        let num = T::of;
+        let white = limited(white, num(1e-30), num(1e30));
+        let least = num(STANDS_OUT) * white;
+        let powers: Vec<T> = match samples {
+            Samples::Complex(samples) => {
+                samples.iter().map(|[re, im]| square(num(*re)) + square(num(*im))).collect()
+            }
+            Samples::Magnitude(samples) => samples.iter().map(|magnitude| square(num(*magnitude))).collect(),
+        };
+        let mut sum = T::ZERO;
+        for power in powers {
+            if power > least {
+                sum += power;
+            }
+        }
+        let now_ln = ln(limited(sum, least, num(1e36)) / white) + loss_ln;
+        let mean_ln = self.mean_ln.unwrap_or(now_ln);
+        let x = limited(mean_ln - now_ln, num(-50.0), num(50.0));
+        // Order: x times the inverse of the deviation.
+        let deviations = larger(x, T::ZERO) * num(1.0 / DEVIATION);
+        let risen = T::ONE / (T::ONE + num(ODDS) * exp(num(-0.5) * square(deviations)));
+        // Order: the rate times 1 - 0.7 p.
+        let rate = num(RATE) * (T::ONE - num(1.0 - RISEN_SHARE) * risen);
+        self.mean_ln = Some(mean_ln - rate * limited(x, num(-1.0), num(1.0)));
+        // Order: (-p / 2) (x + 10).
+        white * exp(num(-0.5) * risen * (larger(x, T::ZERO) + num(MOST)))
+    }
+
+    /// Its state, named.
+    pub fn visit(&self, anchor: usize, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
+        f(format_args!("mean of what stands out of anchor {anchor}"), self.mean_ln.unwrap_or(T::ZERO));
+    }
+}
