@@ -38,7 +38,7 @@ pub struct Measurement {
     pub variance_m2: f32,
     /// Component SINR where the measurement is an estimated path; 0 where nothing is known of it.
     pub sinr: f32,
-    /// Energy of the path, squared unit of the samples; 0 where nothing is known of it.
+    /// Energy of the path, in squared units of the samples or in the frame's white noise; 0 where nothing is known of it.
     pub energy: f32,
     /// Density of false alarms of its strength over that of all false alarms, 0 to 1; 1 where nothing is known of it.
     pub false_alarm: f32,

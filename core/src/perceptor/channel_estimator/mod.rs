@@ -82,7 +82,8 @@ const LEAST_SINR: f32 = 1e-3;
 const MOST_SINR: f32 = 1e12;
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
-    /// An estimator for frames of `samples` samples, `sample_spacing_s` seconds apart, that reports
+    /// An estimator for frames of `samples` samples, `sample_spacing_s` seconds apart ([`Pulse::sampled_every`] tells what
+    /// they leave of a pulse), that reports
     /// `false_paths` paths per frame of pure noise on average (1e-4 to 10). What is out of range is taken as the nearest
     /// value in it.
     pub fn new(pulse: Pulse, sample_spacing_s: f32, samples: usize, false_paths: f32) -> Self {
