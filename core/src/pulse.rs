@@ -19,8 +19,10 @@ pub const PULSE_SAMPLES: usize = 33;
 const LAG: f32 = SUPPORT as f32 / (PULSE_SAMPLES - 1) as f32;
 /// Points of a limited pulse's spectrum.
 const BAND_POINTS: usize = 32;
-/// Pulses that end below this share of half the sampling rate are not limited.
+/// Pulses that end below this share of half the sampling rate are not limited, nor are those shorter than half a sample:
+/// what is left of them is longer than the table.
 const UNTOUCHED: f32 = 0.85;
+const LEAST_NYQUIST: f32 = 0.25;
 
 /// What a pulse looks like behind the matched filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +64,7 @@ impl Pulse {
     pub fn sampled_every(self, spacing_s: f32) -> Self {
         let PulseShape::RootRaisedCosine { roll_off } = self.shape else { return self };
         let nyquist = 0.5 * self.duration_s / spacing_s;
-        if 0.5 * (1.0 + roll_off) < UNTOUCHED * nyquist {
+        if 0.5 * (1.0 + roll_off) < UNTOUCHED * nyquist || nyquist < LEAST_NYQUIST {
             return self;
         }
         let mut autocorrelation = [0.0; PULSE_SAMPLES];

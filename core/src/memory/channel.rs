@@ -312,10 +312,12 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     /// ln SINR expected of `source` at `action`, as far away as in the last frame, where nothing hides it.
     pub fn sinr_ln(&self, source: Source, action: usize) -> f32 {
         let loss_ln = self.loss_ln(action);
-        let Some(row) = self.row(source).filter(|row| row.is_seen()) else {
-            return self.prior_ln - loss_ln;
-        };
+        let Some(row) = self.row(source) else { return self.prior_ln - loss_ln };
         let excess_ln = row.excess_ln(action);
+        if !row.is_seen() {
+            // What nobody has seen is disturbed like the rest.
+            return limited(self.prior_ln - loss_ln - excess_ln, LEAST_SINR_LN, MOST_SINR_LN);
+        }
         if self.full_band {
             return -excess_ln;
         }
@@ -455,6 +457,17 @@ mod tests {
         assert!((memory.sinr(unknown, 0) - 10.0).abs() < 1e-5);
         let loss = (7.9872_f32 / 6.4896).powi(2);
         assert!((memory.sinr(unknown, 1) - 10.0 / loss).abs() < 1e-4);
+    }
+
+    /// Where a path is expected that was never seen, interference is known all the same.
+    #[test]
+    fn interference_disturbs_what_was_never_seen() {
+        let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
+        let mut memory = Memory::new(10.0, true, &library);
+        (0..30).for_each(|_| receive(&mut memory, &library, 20, QUIET, None));
+        (0..5).for_each(|_| receive(&mut memory, &library, 20, 100.0 * QUIET, None));
+        assert!(!memory.has_seen(SOURCE));
+        assert!(memory.sinr_ln(SOURCE, 39) > memory.sinr_ln(SOURCE, 20) + 2.5);
     }
 
     /// An interferer of 20 dB: the path vanishes in noise that explains it. The carrier is to blame, at once, and neither

@@ -3,16 +3,15 @@
 //! The receiver's own noise is the same in every frame, so the white noise of a frame is the unit, unless an interferer
 //! raised it: then all that stands out of it (samples 9 dB above) does so less far than in the frames before. Two hypotheses
 //! compete: what stands out varies as it always does, or the noise rose, by anything up to 10 nats. Some of what stands out
-//! is then the interferer's, so that the noise rose at least by what is missing: by the mean of that and 10 nats, it is
-//! taken. The unit leaves the rise out, times its probability.
+//! is then the interferer's, so that the noise rose by more than what is missing: by twice that, it is taken. The unit leaves
+//! the rise out, times its probability.
 
 use crate::observation::Samples;
 use crate::real::{exp, larger, limited, ln};
 
 /// What stands out: this many times the white noise.
 const STANDS_OUT: f32 = 8.0;
-/// Standard deviation of ln of its sum, from frame to frame (0.1 to 0.3 in flats and halls that were recorded, 0.4 where
-/// pulses of 2 ns overlap).
+/// Standard deviation of ln of its sum about the mean, where pulses of 2 ns overlap; less elsewhere.
 const DEVIATION_LN: f32 = 0.4;
 /// A rise is any up to this.
 const MOST_LN: f32 = 10.0;
@@ -20,7 +19,7 @@ const MOST_LN: f32 = 10.0;
 const ODDS: f32 = 49.0 * MOST_LN / (2.5066 * DEVIATION_LN);
 /// How fast the mean follows; within 1 nat of it, and by this share of that where the noise rose for certain.
 const RATE: f32 = 0.1;
-const RISEN_SHARE: f32 = 0.3;
+const RISEN_SHARE: f32 = 0.1;
 
 /// What is known of the frames of one anchor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -34,14 +33,14 @@ impl GainControl {
     /// ln of the power lost to the reference carrier. Finite and positive.
     pub fn unit(&mut self, samples: Samples<'_>, white: f32, loss_ln: f32) -> f32 {
         let white = limited(white, 1e-30, 1e30);
-        let standing_ln = ln(standing_out(samples, STANDS_OUT * white) / white) + loss_ln;
+        let standing_ln = ln(standing_out(samples, STANDS_OUT * white)) - ln(white) + loss_ln;
         let mean_ln = self.standing_ln.unwrap_or(standing_ln);
         let missing_ln = limited(mean_ln - standing_ln, -50.0, 50.0);
         let scaled = larger(missing_ln, 0.0) * (1.0 / DEVIATION_LN);
         let risen = 1.0 / (1.0 + ODDS * exp(-0.5 * (scaled * scaled)));
         let rate = RATE * (1.0 - (1.0 - RISEN_SHARE) * risen);
         self.standing_ln = Some(mean_ln - rate * limited(missing_ln, -1.0, 1.0));
-        white * exp(-0.5 * risen * (larger(missing_ln, 0.0) + MOST_LN))
+        white * exp(-risen * limited(2.0 * missing_ln, 0.0, MOST_LN))
     }
 
     /// The state, for traces; 0 before the first frame.

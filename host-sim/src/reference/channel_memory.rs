@@ -256,13 +256,14 @@ impl<T: Real> ChannelMemory<T> {
     /// ln SINR expected of a source with an action, between 1e-3 and 1e12.
     pub fn sinr_ln(&self, source: Source, action: usize) -> T {
         let row = self.row(source);
+        let bounded = |ln: T| limited(ln, T::of(-6.9), T::of(27.6));
         if !row.is_seen() {
-            return self.prior_ln - self.loss_ln[action];
+            return bounded(self.prior_ln - self.loss_ln[action] - row.excess_ln[action]);
         }
         // Order: the losses are summed, and the noise, before they are taken off.
         let losses_ln = row.spread_ln + self.loss_ln[action];
         let noise_ln = row.noise_ln.unwrap_or(T::ZERO) + row.excess_ln[action];
-        limited(row.energy_ln - losses_ln - noise_ln, T::of(-6.9), T::of(27.6))
+        bounded(row.energy_ln - losses_ln - noise_ln)
     }
 
     /// SINR (linear) expected of a source with an action.

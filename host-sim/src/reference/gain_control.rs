@@ -2,8 +2,9 @@
 //!
 //! Its white noise; or, where an interferer raised that, what it would be without. S, the sum of all powers above 8 times the
 //! white noise, over that noise, is compared with the mean m of ln S: x = m - ln S. A rise has prior odds of 1 to 49, and
-//! x then an even density of 1/10; without one x is normal with a deviation of 0.4. The middle between x and 10, times the
-//! probability of a rise, is left out of the unit. m follows ln S by a tenth, but no further than a tenth of a nat, and by 0.3 of that in a rise.
+//! x then an even density of 1/10; without one x is normal with a deviation of 0.4. Twice x, at most 10, times the
+//! probability of a rise, is left out of the unit. m follows ln S by a tenth, but no further than a tenth of a nat, and by
+//! 0.1 of that in a rise.
 
 use super::real::{Real, exp, larger, limited, ln, square};
 use cogmint_core::observation::Samples;
@@ -14,7 +15,7 @@ const DEVIATION: f32 = 0.4;
 const MOST: f32 = 10.0;
 const ODDS: f32 = 49.0 * MOST / (2.5066 * DEVIATION);
 const RATE: f32 = 0.1;
-const RISEN_SHARE: f32 = 0.3;
+const RISEN_SHARE: f32 = 0.1;
 
 /// One anchor's frames.
 #[derive(Clone, Copy, Debug)]
@@ -47,17 +48,16 @@ impl<T: Real> GainControl<T> {
                 sum += power;
             }
         }
-        let now_ln = ln(limited(sum, least, num(1e36)) / white) + loss_ln;
+        let now_ln = ln(limited(sum, least, num(1e36))) - ln(white) + loss_ln;
         let mean_ln = self.mean_ln.unwrap_or(now_ln);
         let x = limited(mean_ln - now_ln, num(-50.0), num(50.0));
         // Order: x times the inverse of the deviation.
         let deviations = larger(x, T::ZERO) * num(1.0 / DEVIATION);
         let risen = T::ONE / (T::ONE + num(ODDS) * exp(num(-0.5) * square(deviations)));
-        // Order: the rate times 1 - 0.7 p.
+        // Order: the rate times 1 - 0.9 p.
         let rate = num(RATE) * (T::ONE - num(1.0 - RISEN_SHARE) * risen);
         self.mean_ln = Some(mean_ln - rate * limited(x, num(-1.0), num(1.0)));
-        // Order: (-p / 2) (x + 10).
-        white * exp(num(-0.5) * risen * (larger(x, T::ZERO) + num(MOST)))
+        white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST)))
     }
 
     /// Its state, named.

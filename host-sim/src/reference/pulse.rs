@@ -55,12 +55,13 @@ impl<T: Real> Pulse<T> {
     }
 
     /// What is left of it where samples are `spacing_s` apart: 33 samples of R by the sum over 32 points of a band that half
-    /// the sampling rate ends, beyond 0.8 of it along a cosine. Pulses that end below 0.85 of it are whole.
+    /// the sampling rate ends, beyond 0.8 of it along a cosine. Pulses that end below 0.85 of it are whole, and those shorter
+    /// than half a sample.
     pub fn sampled_every(self, spacing_s: T) -> Self {
         let num = T::of;
         let Shape::RootRaisedCosine(roll_off) = self.shape else { return self };
         let nyquist = num(0.5) * self.duration_s / spacing_s;
-        if num(0.5) * (T::ONE + roll_off) < num(0.85) * nyquist {
+        if num(0.5) * (T::ONE + roll_off) < num(0.85) * nyquist || nyquist < num(0.25) {
             return self;
         }
         let mut sums = vec![T::ZERO; PULSE_SAMPLES];
