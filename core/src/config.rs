@@ -92,7 +92,7 @@ pub struct ControllerSettings {
     pub reward: Reward,
     /// Learning rate and discount.
     pub learning: Learning,
-    /// Temperature, exploration, hysteresis.
+    /// Temperature, exploration, hysteresis, patience.
     pub choice: Choice,
     /// Actions planned per cycle (0: none, the radio then never leaves its action; as many as the library has, or more: all).
     pub planned_actions: usize,
@@ -204,7 +204,12 @@ impl Default for Config {
             controller: ControllerSettings {
                 reward: Reward::InformationGain,
                 learning: Learning { rate: 0.5, experience_rate: 0.02, discount: 0.5, bootstrap: false },
-                choice: Choice { temperature_nat: 0.1, exploration: 0.001, hysteresis_nat: 0.01 },
+                choice: Choice {
+                    temperature_nat: 0.1,
+                    exploration: 0.001,
+                    hysteresis_nat: 0.01,
+                    patience_cycles: 15,
+                },
                 planned_actions: 20,
                 horizon: 1,
                 first_action: 0,

@@ -93,6 +93,8 @@ pub struct Coverage {
     pub map_full: u64,
     /// Cycles after which it was not known yet where the tag is.
     pub acquiring: u64,
+    /// Cycles after which a lost tag was sought with another action than the one held.
+    pub sought_elsewhere: u64,
     /// Changes of action.
     pub action_changes: u64,
     /// Cycles whose observations the core refused.
@@ -209,6 +211,8 @@ fn run<const A: usize>(
 
         covered.add(&taken, &watch);
         covered.acquiring += u64::from(tracker.acquisition().is_some());
+        let sought_with = tracker.controller_of(0).and_then(|controller| controller.sought_with());
+        covered.sought_elsewhere += u64::from(sought_with.is_some());
         let decided = decision_difference(&single, &ours, &double, &precise);
         errors.add(cycle, distance(taken.report.position_m, precise.report.position_m), decided);
         on_progress(cycle + 1);
@@ -502,8 +506,15 @@ impl Comparison {
         self.list(stage, "the candidates", &numbers, |f| reference.discovery.visit(f));
 
         let stage = "act";
-        let names =
-            ["action held", "action chosen", "present action", "action announced", "cycles without a frame"];
+        let names = [
+            "action held",
+            "action chosen",
+            "present action",
+            "action announced",
+            "cycles without a frame",
+            "cycles lost",
+            "action sought with",
+        ];
         for (index, theirs) in reference.controllers.iter().enumerate() {
             let Some(ours) = core.controller_of(index) else { continue };
             for (action, (a, b)) in ours.values().values().iter().zip(&theirs.values).enumerate() {
@@ -1018,6 +1029,26 @@ mod tests {
                 }
             }
             verified(&setup(&recording), &recording);
+        }
+    }
+
+    /// A tag that is lost in noise from the first cycle on, and what another action shows of that.
+    #[test]
+    fn frames_in_which_a_tag_is_looked_for_are_equal() {
+        for gain_control in [false, true] {
+            let mut recording = recording(Kind::Complex, 90, 200);
+            recording.radio.gain_control = gain_control;
+            let mut rng = Xoshiro128PlusPlus::seed_from_u64(9);
+            for (n, cycle) in recording.cycles.iter_mut().enumerate() {
+                for frame in &mut cycle.frames {
+                    frame.action = if n < 35 { 0 } else { 3 };
+                    let Samples::Complex(samples) = &mut frame.samples else { continue };
+                    let loud = if n < 35 { 1.0 } else { 0.0 };
+                    samples.iter_mut().flatten().for_each(|value| *value += loud * noise(&mut rng) as f32);
+                }
+            }
+            let covered = verified(&setup(&recording), &recording).covered;
+            assert!(covered.sought_elsewhere > 10 && covered.acquiring < 80, "{covered:?}");
         }
     }
 

@@ -16,8 +16,8 @@ use crate::config::ControllerSettings;
 use hop::Hop;
 use library::Allowed;
 use planning::{Ahead, Horizon, Scene, Visible};
-use policy::{explore, planned_set, policy, settle};
-use rand_core::SeedableRng;
+use policy::{draw_other, explore, planned_set, policy, settle};
+use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use value::ActionValues;
 
@@ -30,6 +30,8 @@ pub struct Outcome {
     pub earned: Option<f32>,
     /// Whether anything was received.
     pub heard: bool,
+    /// Whether it is not known where the tag is.
+    pub lost: bool,
     /// Whether an anchor that shares the choice is to be met at the rendezvous, where there is one.
     pub called: bool,
 }
@@ -46,6 +48,9 @@ pub struct Controller<const ACTIONS: usize> {
     /// The action held; the one chosen differs from it while another is tried.
     held: usize,
     chosen: usize,
+    /// Cycles heard in a row while the tag was lost, and the action tried where the one held did not find it.
+    lost_cycles: u32,
+    sought_with: Option<usize>,
     /// Where choices are announced to the other end before they are used.
     hop: Option<Hop>,
     /// What the present action was planned to earn; `None` where it was not planned.
@@ -69,6 +74,8 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             values,
             held: first,
             chosen: first,
+            lost_cycles: 0,
+            sought_with: None,
             hop,
             planned_reward: None,
         }
@@ -125,10 +132,28 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
         self.held = settle(&self.values, &self.allowed, self.held, &settings.choice);
         self.values.relate_to(self.held, &self.allowed);
-        self.chosen = explore(&self.policy, &self.allowed, &settings.choice, &mut rng).unwrap_or(self.held);
+        let explored = explore(&self.policy, &self.allowed, &settings.choice, &mut rng);
+        self.seek(outcome, &mut rng);
+        self.chosen = self.sought_with.or(explored).unwrap_or(self.held);
         // Exploration may take an action that was not planned.
         let known = planned.get(self.chosen).copied().unwrap_or(false);
         self.planned_reward = known.then(|| reward(self.chosen));
+    }
+
+    /// A tag that is lost in spite of the best action may be so because of it: in turn, it is looked for with another.
+    fn seek(&mut self, outcome: &Outcome, rng: &mut impl Rng) {
+        let patience = self.settings.choice.patience_cycles;
+        if !outcome.lost {
+            (self.lost_cycles, self.sought_with) = (0, None);
+        } else if outcome.heard && patience > 0 {
+            self.lost_cycles = self.lost_cycles.saturating_add(1);
+            if self.lost_cycles.is_multiple_of(patience) {
+                self.sought_with = match self.sought_with {
+                    None => draw_other(&self.allowed, self.held, rng),
+                    Some(_) => None,
+                };
+            }
+        }
     }
 
     /// How far and for what it plans.
@@ -152,7 +177,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         let announced = self.announced().unwrap_or(self.chosen);
         let in_use = [self.held, self.chosen, self.action_index(), announced];
         if !in_use.into_iter().all(is_left) {
-            (self.held, self.chosen, self.planned_reward) = (first, first, None);
+            (self.held, self.chosen, self.sought_with, self.planned_reward) = (first, first, None, None);
             self.hop = self.settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
         }
         self.allowed = left;
@@ -170,6 +195,11 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         self.held
     }
 
+    /// The action that a lost tag is sought with in place of the one held; `None` where it is that one, or the tag not lost.
+    pub fn sought_with(&self) -> Option<usize> {
+        self.sought_with
+    }
+
     /// Index of the action that the next frames use.
     pub fn action_index(&self) -> usize {
         self.hop.map_or(self.chosen, |hop| hop.present())
@@ -185,14 +215,17 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         self.planned_reward
     }
 
-    /// Every whole number of the state, for traces: the actions held, chosen, in use and announced, and the frames lost in a
-    /// row, these last two 0 where nothing is announced.
-    pub fn words(&self) -> [u32; 5] {
+    /// Every whole number of the state, for traces: the actions held, chosen, in use and announced, the frames lost in a row,
+    /// these last two 0 where nothing is announced, the cycles for which the tag is lost, and the action it is sought with,
+    /// counted from 1, 0 where it is the one held.
+    pub fn words(&self) -> [u32; 7] {
         let (held, chosen) = (self.held as u32, self.chosen as u32);
-        match &self.hop {
-            Some(hop) => [held, chosen, hop.present() as u32, hop.announced() as u32, hop.lost()],
-            None => [held, chosen, chosen, 0, 0],
-        }
+        let (present, announced, lost_frames) = match &self.hop {
+            Some(hop) => (hop.present() as u32, hop.announced() as u32, hop.lost()),
+            None => (chosen, 0, 0),
+        };
+        let sought_with = self.sought_with.map_or(0, |action| action as u32 + 1);
+        [held, chosen, present, announced, lost_frames, self.lost_cycles, sought_with]
     }
 
     /// The action values.
@@ -210,6 +243,23 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
 mod tests {
     use super::*;
     use crate::Config;
+
+    #[test]
+    fn a_lost_tag_is_sought_with_the_action_held_and_with_others_in_turn() {
+        let mut controller = Controller::new(Config::default().controller, [true, false, true], 1);
+        let patience = Config::default().controller.choice.patience_cycles as usize;
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(1);
+        let lost = Outcome { applied: 0, earned: None, heard: true, lost: true, called: false };
+        for cycle in 1..5 * patience {
+            // What nobody answers says nothing of the action.
+            controller.seek(&Outcome { heard: false, ..lost }, &mut rng);
+            controller.seek(&lost, &mut rng);
+            let elsewhere = if (cycle / patience) % 2 == 1 { Some(2) } else { None };
+            assert_eq!(controller.sought_with, elsewhere, "{cycle}");
+        }
+        controller.seek(&Outcome { lost: false, ..lost }, &mut rng);
+        assert_eq!(controller.sought_with, None);
+    }
 
     #[test]
     fn what_is_forbidden_gives_way_and_is_never_chosen_again() {

@@ -18,6 +18,9 @@ pub struct Choice {
     pub exploration: f32,
     /// The best action replaces the present one only if it is worth this much more, nats.
     pub hysteresis_nat: f32,
+    /// Cycles for which a lost tag is looked for with the best action, and then as long with one drawn from the others, in
+    /// turn; 0: always with the best.
+    pub patience_cycles: u32,
 }
 
 /// pi = softmax(J / tau) with a floor, over the actions allowed; zero for the rest.
@@ -102,6 +105,17 @@ pub fn settle<const ACTIONS: usize>(
     if values.get(best) > values.get(present) + choice.hysteresis_nat { best } else { present }
 }
 
+/// An action drawn from all that are allowed but one, all alike; `None` where there is no other.
+pub fn draw_other<const ACTIONS: usize>(
+    allowed: &Allowed<ACTIONS>,
+    one: usize,
+    rng: &mut impl Rng,
+) -> Option<usize> {
+    let others = || allowed.iter().enumerate().filter(|(action, allowed)| **allowed && *action != one);
+    let drawn = rng.next_u32().checked_rem(others().count() as u32)?;
+    others().nth(drawn as usize).map(|(action, _)| action)
+}
+
 /// An action to try for one cycle: with probability epsilon one drawn from the policy.
 pub fn explore<const ACTIONS: usize>(
     policy: &[f32; ACTIONS],
@@ -166,7 +180,8 @@ mod tests {
         values.learn(2, 0.04, &[0.25; 4], &LEARNING);
         let all = [true; 4];
         let pi = policy(&values, &all, 0.1);
-        let still = Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05 };
+        let still =
+            Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, patience_cycles: 0 };
         assert_eq!(settle(&values, &all, 0, &still), 0);
         assert_eq!(explore(&pi, &all, &still, &mut rng), None);
         let keen = Choice { hysteresis_nat: 0.0, ..still };
@@ -179,5 +194,17 @@ mod tests {
             }
         }
         assert_eq!(seen, [true; 4]);
+    }
+
+    #[test]
+    fn another_action_is_any_that_is_allowed_but_the_one() {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(7);
+        let mut drawn = [0_u32; 5];
+        for _ in 0..3000 {
+            drawn[draw_other(&[true, true, false, true, true], 1, &mut rng).unwrap()] += 1;
+        }
+        assert!(drawn[1] == 0 && drawn[2] == 0, "{drawn:?}");
+        assert!([0, 3, 4].into_iter().all(|action| (900..1100).contains(&drawn[action])), "{drawn:?}");
+        assert_eq!(draw_other(&[false, true], 1, &mut rng), None);
     }
 }

@@ -75,7 +75,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             });
             let given = scene.expect(others);
             let visible = sources.clone().filter(|sight| is_own(sight.source.anchor()));
-            controller.decide(&Outcome { applied, earned, heard, called }, &scene, visible, &given);
+            let outcome = Outcome { applied, earned, heard, lost: report.acquiring, called };
+            controller.decide(&outcome, &scene, visible, &given);
             if index == 0 {
                 report.action = applied;
             }

@@ -7,6 +7,8 @@ use crate::observation::{Frame, FrameRules, Observation, RangeScan, check_frame,
 use crate::observer::Observer;
 use crate::perceptor::association::{Measurement, false_alarm};
 use crate::perceptor::channel_estimator::{ChannelEstimator, NoiseLevel};
+use crate::perceptor::gain_control::Unmasked;
+use crate::perceptor::state_filter::Source;
 use crate::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 use heapless::Vec;
@@ -218,12 +220,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
         observer.estimate(frame.anchor, &estimate);
-        let unit = match self.gain_control.get_mut(frame.anchor) {
-            Some(gain_control) if self.config.radio.gain_control => {
-                gain_control.unit(frame.samples, estimate.noise.white, self.channel.loss_ln(frame.action))
-            }
-            _ => 1.0,
-        };
+        let unit = self.unit(frame, estimate.noise.white);
         into.action = frame.action;
         into.framed = true;
         into.threshold = self.estimator.threshold();
@@ -255,6 +252,28 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             into.left_out += u32::from(into.measurements.push(measurement).is_err());
         }
         into.allow_artefacts(ranges, resolution_m);
+    }
+
+    /// What the powers of a frame with this level of white noise are measured in.
+    fn unit(&mut self, frame: &Frame<'_>, white: f32) -> f32 {
+        let Some(gain_control) = self.gain_control.get_mut(frame.anchor) else { return 1.0 };
+        if !self.config.radio.gain_control {
+            return 1.0;
+        }
+        let loss_ln = self.channel.loss_ln(frame.action);
+        let (unit, unmasked) =
+            gain_control.unit(frame.samples, white, frame.action, loss_ln, self.acquisition.is_some());
+        if let Some(Unmasked { action, excess_ln }) = unmasked {
+            let shares = self.channel.shares(action, &self.library);
+            self.channel.unmask(Source::Direct { anchor: frame.anchor }, &shares, excess_ln);
+            for (slot, record) in self.environment.iter() {
+                if record.anchor == frame.anchor {
+                    let source = Source::Virtual { anchor: record.anchor, slot };
+                    self.channel.unmask(source, &shares, excess_ln);
+                }
+            }
+        }
+        unit
     }
 
     /// The variance the filter works with: inflated, and never below the floor.

@@ -22,7 +22,7 @@
 use crate::controller::library::Library;
 use crate::perceptor::association::Measurement;
 use crate::perceptor::state_filter::Source;
-use crate::real::{abs, exp, larger, limited, ln};
+use crate::real::{abs, exp, larger, limited, ln, smaller};
 
 /// Ageing of the counts of frames per cycle: after some 140 cycles half is forgotten.
 const AGEING: f32 = 0.995;
@@ -53,6 +53,9 @@ const TURNING: f32 = 0.02;
 /// Bounds of ln SINR (1e-3 to 1e12).
 const LEAST_SINR_LN: f32 = -6.9;
 const MOST_SINR_LN: f32 = 27.6;
+
+/// Most that ln of an energy is raised to (1e30), so that its exponential is finite.
+const MOST_ENERGY_LN: f32 = 69.0;
 
 /// How much a sample at one action tells of every action: 1 at its own, 0 to 1 at the others.
 pub type Shares<const ACTIONS: usize> = [f32; ACTIONS];
@@ -238,6 +241,20 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         let usual = if noise_ln < row.usual_ln { USUAL_FALL } else { USUAL_RISE };
         row.usual_ln += usual * (noise_ln - row.usual_ln);
         row.noise_ln = Some(noise_ln);
+    }
+
+    /// Enters that frames were measured in too large a unit: that the noise taken for the receiver's own was, by this, as ln,
+    /// interference with the action whose `shares` these are. The level of noise begins anew.
+    pub fn unmask(&mut self, source: Source, shares: &Shares<ACTIONS>, excess_ln: f32) {
+        if self.full_band {
+            return;
+        }
+        let Some(row) = self.row_mut(source) else { return };
+        row.energy_ln = smaller(row.energy_ln + excess_ln, MOST_ENERGY_LN);
+        row.noise_ln = None;
+        for (excess, share) in row.excess_ln.iter_mut().zip(shares) {
+            *excess += share * excess_ln;
+        }
     }
 
     /// Enters a path observed with `action`, and believed to belong to `source` with probability `weight`.
@@ -468,6 +485,24 @@ mod tests {
         (0..5).for_each(|_| receive(&mut memory, &library, 20, 100.0 * QUIET, None));
         assert!(!memory.has_seen(SOURCE));
         assert!(memory.sinr_ln(SOURCE, 39) > memory.sinr_ln(SOURCE, 20) + 2.5);
+    }
+
+    /// Twenty frames in noise that is taken for the receiver's own, until another carrier shows that 3 nats of it are not.
+    #[test]
+    fn what_is_unmasked_is_charged_to_its_carrier() {
+        let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
+        let mut memory = Memory::new(10.0, true, &library);
+        (0..20).for_each(|_| hear(&mut memory, &library, 20, 100.0));
+        let before = [20, 39].map(|action| memory.sinr_ln(SOURCE, action));
+        let shares = memory.shares(20, &library);
+        memory.unmask(SOURCE, &shares, 3.0);
+        // In the smaller unit, the path is stronger; the quiet frame has the level that the frames before had in theirs.
+        receive(&mut memory, &library, 39, QUIET, Some(path(100.0 * 3_f32.exp())));
+        let [left, here] = [20, 39].map(|action| memory.sinr_ln(SOURCE, action));
+        assert!(
+            (left - before[0]).abs() < 0.2 && (here - before[1] - 3.0).abs() < 0.2,
+            "{left} {here} {before:?}"
+        );
     }
 
     /// An interferer of 20 dB: the path vanishes in noise that explains it. The carrier is to blame, at once, and neither

@@ -5,6 +5,11 @@
 //! compete: what stands out varies as it always does, or the noise rose, by anything up to 10 nats. Some of what stands out
 //! is then the interferer's, so that the noise rose by more than what is missing: by twice that, it is taken. The unit leaves
 //! the rise out, times its probability.
+//!
+//! While the tag is lost, what stood out may have been the interferer's, or may have stood out of noise that had one in it,
+//! since nobody knows when. Where far more or far less does so as soon as the radio listens with another action, its level
+//! begins anew, and in the first case it is told by how much the unit was too large. Of a tag that is not lost, nothing such
+//! is concluded: what more stands out may be an interferer on that action.
 
 use crate::observation::Samples;
 use crate::real::{exp, larger, limited, ln};
@@ -17,36 +22,68 @@ const DEVIATION_LN: f32 = 0.4;
 const MOST_LN: f32 = 10.0;
 /// Odds of no rise at no deviation: prior 49 to 1, and the density of the normal distribution over that of the even one.
 const ODDS: f32 = 49.0 * MOST_LN / (2.5066 * DEVIATION_LN);
-/// How fast the mean follows; within 1 nat of it, and by this share of that where the noise rose for certain.
+/// How fast the mean follows; within 1 nat of it, and by this share of that where the noise has changed for certain, or an
+/// interferer stands out.
 const RATE: f32 = 0.1;
-const RISEN_SHARE: f32 = 0.1;
+const CHANGED_SHARE: f32 = 0.1;
 
 /// What is known of the frames of one anchor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GainControl {
     /// Mean of ln of what stands out over the white noise, at the reference carrier; `None` before the first frame.
     standing_ln: Option<f32>,
+    /// The action of the last frame.
+    action: usize,
+}
+
+/// An interferer of which nobody knew.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unmasked {
+    /// The action with which it was heard.
+    pub action: usize,
+    /// ln of the factor by which units were too large, positive.
+    pub excess_ln: f32,
 }
 
 impl GainControl {
-    /// The power, in squared units of the samples, to be taken as 1 in a frame with this level of white noise; `loss_ln` is
-    /// ln of the power lost to the reference carrier. Finite and positive.
-    pub fn unit(&mut self, samples: Samples<'_>, white: f32, loss_ln: f32) -> f32 {
+    /// The power, in squared units of the samples, to be taken as 1 in a frame received with `action`, with this level of
+    /// white noise; `loss_ln` is ln of the power lost to the reference carrier, `is_lost` says that the tag is looked for. Finite
+    /// and positive. And what is now known of the action before, if anything.
+    pub fn unit(
+        &mut self,
+        samples: Samples<'_>,
+        white: f32,
+        action: usize,
+        loss_ln: f32,
+        is_lost: bool,
+    ) -> (f32, Option<Unmasked>) {
         let white = limited(white, 1e-30, 1e30);
         let standing_ln = ln(standing_out(samples, STANDS_OUT * white)) - ln(white) + loss_ln;
         let mean_ln = self.standing_ln.unwrap_or(standing_ln);
         let missing_ln = limited(mean_ln - standing_ln, -50.0, 50.0);
-        let scaled = larger(missing_ln, 0.0) * (1.0 / DEVIATION_LN);
-        let risen = 1.0 / (1.0 + ODDS * exp(-0.5 * (scaled * scaled)));
-        let rate = RATE * (1.0 - (1.0 - RISEN_SHARE) * risen);
+        let (fallen, risen) = (changed(-missing_ln), changed(missing_ln));
+        let before = core::mem::replace(&mut self.action, action);
+        if before != action && is_lost && larger(fallen, risen) > 0.5 {
+            self.standing_ln = Some(standing_ln);
+            let unmasked = Unmasked { action: before, excess_ln: -missing_ln };
+            return (white, (fallen > 0.5).then_some(unmasked));
+        }
+        let rate = RATE * (1.0 - (1.0 - CHANGED_SHARE) * larger(fallen, risen));
         self.standing_ln = Some(mean_ln - rate * limited(missing_ln, -1.0, 1.0));
-        white * exp(-risen * limited(2.0 * missing_ln, 0.0, MOST_LN))
+        (white * exp(-risen * limited(2.0 * missing_ln, 0.0, MOST_LN)), None)
     }
 
-    /// The state, for traces; 0 before the first frame.
+    /// The state, for traces: the mean, 0 before the first frame, and the action.
     pub fn visit(&self, mut f: impl FnMut(f32)) {
         f(self.standing_ln.unwrap_or(0.0));
+        f(self.action as f32);
     }
+}
+
+/// Probability that the noise has changed where this is missing of what stands out, as ln.
+fn changed(missing_ln: f32) -> f32 {
+    let scaled = larger(missing_ln, 0.0) * (1.0 / DEVIATION_LN);
+    1.0 / (1.0 + ODDS * exp(-0.5 * (scaled * scaled)))
 }
 
 /// Sum of the powers above `least`; at least that.
@@ -77,8 +114,8 @@ mod tests {
         let magnitudes = powers.map(f32::sqrt);
         let complex = powers.map(|power| [0.0, power.sqrt()]);
         let mut copy = *control;
-        let of_complex = copy.unit(Samples::Complex(&complex), rise * gain, 0.0);
-        let unit = control.unit(Samples::Magnitude(&magnitudes), rise * gain, 0.0);
+        let (of_complex, _) = copy.unit(Samples::Complex(&complex), rise * gain, 0, 0.0, false);
+        let (unit, _) = control.unit(Samples::Magnitude(&magnitudes), rise * gain, 0, 0.0, false);
         assert!((of_complex / unit - 1.0).abs() < 1e-4);
         unit
     }
@@ -112,8 +149,46 @@ mod tests {
             let strength = 10_f32.powf(-0.02 * frame as f32);
             let mut samples = [1.0; 200];
             samples[20] = (1.0 + 1e4 * strength).sqrt();
-            let unit = control.unit(Samples::Magnitude(&samples), 1.0, 0.0);
+            let (unit, _) = control.unit(Samples::Magnitude(&samples), 1.0, 0, 0.0, false);
             assert!((unit - 1.0).abs() < 0.05, "{frame}: {unit}");
+        }
+    }
+
+    /// Noise of 13 dB above the receiver's own from the first frame on, until a lost tag is sought with another action: that
+    /// one is quiet, and by how much the first is not is known.
+    #[test]
+    fn an_interferer_that_was_always_there_is_unmasked_by_another_action() {
+        let mut control = GainControl::default();
+        let mut frame = |action: usize, noise: f32, is_lost: bool| {
+            let mut samples = [noise.sqrt(); 200];
+            samples[20] = (noise + 1e4).sqrt();
+            control.unit(Samples::Magnitude(&samples), noise, action, 0.0, is_lost)
+        };
+        for _ in 0..20 {
+            assert_eq!(frame(2, 20.0, true), (20.0, None));
+        }
+        let (unit, unmasked) = frame(3, 1.0, true);
+        let Some(Unmasked { action: 2, excess_ln }) = unmasked else { panic!("{unmasked:?}") };
+        assert!(unit == 1.0 && (excess_ln - 20_f32.ln()).abs() < 0.01, "{unit} {excess_ln}");
+        // The tag is found. Back at the first, the noise is known.
+        assert_eq!(frame(3, 1.0, false), (1.0, None));
+        let (unit, unmasked) = frame(2, 20.0, false);
+        assert!(unit < 0.2 * 20.0 && unmasked.is_none(), "{unit}");
+        // What more stands out where the tag is not lost need not be its own.
+        assert_eq!(frame(3, 0.1, false).1, None);
+    }
+
+    /// Far less stands out with another action: the noise rose, unless what stood out before found no tag.
+    #[test]
+    fn what_stood_out_where_the_tag_was_lost_is_no_measure() {
+        for (is_lost, unit) in [(false, 1e-4..0.1), (true, 1.0..1.1)] {
+            let mut control = GainControl::default();
+            let samples = [100.0, 100.0, 1.0, 1.0];
+            (0..5).for_each(|_| {
+                control.unit(Samples::Magnitude(&samples), 1.0, 0, 0.0, is_lost);
+            });
+            let (found, unmasked) = control.unit(Samples::Magnitude(&samples[1..]), 20.0, 1, 0.0, is_lost);
+            assert!(unit.contains(&(found / 20.0)) && unmasked.is_none(), "{is_lost}: {found}");
         }
     }
 
@@ -123,7 +198,7 @@ mod tests {
         for magnitude in [0.0, 1e-20, 1.0, 1e18, f32::MAX] {
             for white in [0.0, 1e-38, 1.0, f32::MAX] {
                 for samples in [&[magnitude; 40][..], &[]] {
-                    let unit = control.unit(Samples::Magnitude(samples), white, 3.0);
+                    let (unit, _) = control.unit(Samples::Magnitude(samples), white, 0, 3.0, false);
                     assert!(unit > 0.0 && unit.is_finite(), "{magnitude} {white}: {unit}");
                 }
             }

@@ -11,7 +11,7 @@
 
 use super::association::Measurement;
 use super::controller::Library;
-use super::real::{Real, abs, exp, larger, limited, ln, square};
+use super::real::{Real, abs, exp, larger, limited, ln, smaller, square};
 use cogmint_core::perceptor::state_filter::Source;
 use std::fmt;
 
@@ -202,6 +202,16 @@ impl<T: Real> ChannelMemory<T> {
         let usual = if noise_ln < row.usual_ln { USUAL_FALL } else { USUAL_RISE };
         row.usual_ln += T::of(usual) * (noise_ln - row.usual_ln);
         row.noise_ln = Some(noise_ln);
+    }
+
+    /// What was thought quiet with the action of these shares was not, by this.
+    pub fn unmask(&mut self, source: Source, shares: &[T], excess_ln: T) {
+        let row = self.row_mut(source);
+        row.energy_ln = smaller(row.energy_ln + excess_ln, T::of(69.0));
+        for (excess, share) in row.excess_ln.iter_mut().zip(shares) {
+            *excess += *share * excess_ln;
+        }
+        row.noise_ln = None;
     }
 
     /// Enters a path that belongs to `source` with probability `weight`.

@@ -202,6 +202,14 @@ pub fn draw<T: Real>(policy: &[T], allowed: &[usize], rng: &mut impl Rng) -> Opt
     })
 }
 
+/// Any of the actions allowed but `one`; none where there is no other.
+pub fn draw_other(allowed: &[usize], one: usize, rng: &mut impl Rng) -> Option<usize> {
+    // Order: the number is drawn in any case.
+    let number = rng.next_u32() as usize;
+    let others: Vec<usize> = allowed.iter().copied().filter(|c| *c != one).collect();
+    if others.is_empty() { None } else { Some(others[number % others.len()]) }
+}
+
 /// A source that planning counts on.
 #[derive(Clone, Copy, Debug)]
 pub struct Visible<T> {
@@ -330,6 +338,8 @@ pub struct Outcome<T> {
     pub earned: Option<T>,
     /// Whether anything was received.
     pub heard: bool,
+    /// Whether the tag is looked for.
+    pub lost: bool,
     /// Whether one of several anchors has to be met at the rendezvous.
     pub called: bool,
 }
@@ -350,6 +360,10 @@ pub struct Controller<T> {
     pub chosen: usize,
     /// What that was planned to earn; none where it was not planned.
     pub planned_reward: Option<T>,
+    /// Cycles, of those with something received, since the tag was lost.
+    pub lost_cycles: u32,
+    /// The action it is looked for with in place of the one held.
+    pub sought_with: Option<usize>,
     /// The present action.
     pub action: usize,
     /// The action that the next frame announces.
@@ -373,6 +387,8 @@ impl<T: Real> Controller<T> {
             held: first,
             chosen: first,
             planned_reward: None,
+            lost_cycles: 0,
+            sought_with: None,
             action: first,
             announced: first,
             silent_cycles: 0,
@@ -432,7 +448,23 @@ impl<T: Real> Controller<T> {
         }
         let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
         let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
-        self.chosen = tried.unwrap_or(self.held);
+        if !outcome.lost {
+            self.lost_cycles = 0;
+            self.sought_with = None;
+        }
+        let patience = settings.choice.patience_cycles;
+        if outcome.lost && outcome.heard && patience > 0 {
+            self.lost_cycles = self.lost_cycles.saturating_add(1);
+            if self.lost_cycles.is_multiple_of(patience) {
+                // By turns the one held and another.
+                self.sought_with = if self.sought_with.is_some() {
+                    None
+                } else {
+                    draw_other(&self.allowed, self.held, &mut rng)
+                };
+            }
+        }
+        self.chosen = self.sought_with.or(tried).unwrap_or(self.held);
         self.planned_reward = rewards[self.chosen];
     }
 
@@ -456,11 +488,16 @@ impl<T: Real> Controller<T> {
     }
 
     /// The core's `Controller::words`: without a rendezvous nothing is announced and nobody counts.
-    pub fn words(&self) -> [u32; 5] {
-        let Self { held, chosen, action, announced, silent_cycles, .. } = self;
-        if self.settings.rendezvous.is_none() {
-            return [*held as u32, *chosen as u32, *chosen as u32, 0, 0];
-        }
-        [*held as u32, *chosen as u32, *action as u32, *announced as u32, *silent_cycles]
+    pub fn words(&self) -> [u32; 7] {
+        let [held, chosen] = [self.held, self.chosen].map(|action| action as u32);
+        let hop = match self.settings.rendezvous {
+            None => [chosen, 0, 0],
+            Some(_) => [self.action as u32, self.announced as u32, self.silent_cycles],
+        };
+        let sought_with = match self.sought_with {
+            None => 0,
+            Some(action) => action as u32 + 1,
+        };
+        [held, chosen, hop[0], hop[1], hop[2], self.lost_cycles, sought_with]
     }
 }

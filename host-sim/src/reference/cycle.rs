@@ -370,8 +370,21 @@ impl<T: Real> Reference<T> {
         let threshold = estimator.threshold();
         scan.threshold = threshold;
         scan.unit = if self.config.radio.gain_control {
-            let loss_ln = self.channel.loss_ln(frame.action);
-            self.gain_control[frame.anchor].unit(frame.samples, estimate.noise.white, loss_ln)
+            let Frame { anchor, action, samples, .. } = *frame;
+            let loss_ln = self.channel.loss_ln(action);
+            let white = estimate.noise.white;
+            let (unit, too_large) =
+                self.gain_control[anchor].unit(samples, white, action, loss_ln, self.acquisition.is_some());
+            if let Some((before, excess_ln)) = too_large {
+                let shares = self.channel.shares(before, &self.library);
+                self.channel.unmask(Source::Direct { anchor }, &shares, excess_ln);
+                for (slot, record) in self.environment.in_use() {
+                    if record.anchor == anchor {
+                        self.channel.unmask(Source::Virtual { anchor, slot }, &shares, excess_ln);
+                    }
+                }
+            }
+            unit
         } else {
             T::ONE
         };
@@ -923,8 +936,13 @@ impl<T: Real> Reference<T> {
         let called =
             common && self.missing[..self.anchors.len()].iter().any(|&lost| lost >= 3 && (lost - 3) % 64 < 5);
         for index in 0..self.controllers.len() {
-            let mut outcome =
-                Outcome { applied: self.controllers[index].action, earned: None, heard: false, called };
+            let mut outcome = Outcome {
+                applied: self.controllers[index].action,
+                earned: None,
+                heard: false,
+                lost: report.acquiring,
+                called,
+            };
             let mut framed = false;
             for associated in heard {
                 if common || associated.scan.anchor == index {

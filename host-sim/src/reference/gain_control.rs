@@ -4,7 +4,10 @@
 //! white noise, over that noise, is compared with the mean m of ln S: x = m - ln S. A rise has prior odds of 1 to 49, and
 //! x then an even density of 1/10; without one x is normal with a deviation of 0.4. Twice x, at most 10, times the
 //! probability of a rise, is left out of the unit. m follows ln S by a tenth, but no further than a tenth of a nat, and by
-//! 0.1 of that in a rise.
+//! 0.1 of that where x or -x makes a change likely.
+//!
+//! While the tag is lost, in the first frame with another action, m becomes ln S where x or -x makes a change likelier than
+//! not. Where -x does, the units before were too large by -x.
 
 use super::real::{Real, exp, larger, limited, ln, square};
 use cogmint_core::observation::Samples;
@@ -15,24 +18,34 @@ const DEVIATION: f32 = 0.4;
 const MOST: f32 = 10.0;
 const ODDS: f32 = 49.0 * MOST / (2.5066 * DEVIATION);
 const RATE: f32 = 0.1;
-const RISEN_SHARE: f32 = 0.1;
+const CHANGED_SHARE: f32 = 0.1;
 
 /// One anchor's frames.
 #[derive(Clone, Copy, Debug)]
 pub struct GainControl<T> {
     /// m; none before the first frame.
     mean_ln: Option<T>,
+    /// With which the last frame was received.
+    action: usize,
 }
 
 impl<T> Default for GainControl<T> {
     fn default() -> Self {
-        Self { mean_ln: None }
+        Self { mean_ln: None, action: 0 }
     }
 }
 
 impl<T: Real> GainControl<T> {
-    /// The unit of a frame with this level of white noise, received with an action that loses `loss_ln` more than the first.
-    pub fn unit(&mut self, samples: Samples<'_>, white: T, loss_ln: T) -> T {
+    /// The unit of a frame with this level of white noise, received with an action that loses `loss_ln` more than the first;
+    /// and if the units before were too large, the action before, and ln of by how much. `lost`: the tag is looked for.
+    pub fn unit(
+        &mut self,
+        samples: Samples<'_>,
+        white: T,
+        action: usize,
+        loss_ln: T,
+        lost: bool,
+    ) -> (T, Option<(usize, T)>) {
         let num = T::of;
         let white = limited(white, num(1e-30), num(1e30));
         let least = num(STANDS_OUT) * white;
@@ -51,17 +64,30 @@ impl<T: Real> GainControl<T> {
         let now_ln = ln(limited(sum, least, num(1e36))) - ln(white) + loss_ln;
         let mean_ln = self.mean_ln.unwrap_or(now_ln);
         let x = limited(mean_ln - now_ln, num(-50.0), num(50.0));
-        // Order: x times the inverse of the deviation.
-        let deviations = larger(x, T::ZERO) * num(1.0 / DEVIATION);
-        let risen = T::ONE / (T::ONE + num(ODDS) * exp(num(-0.5) * square(deviations)));
+        let [fallen, risen] = [likely(-x), likely(x)];
+        let before = self.action;
+        self.action = action;
+        let too_large = fallen > num(0.5);
+        if action != before && lost && larger(fallen, risen) > num(0.5) {
+            self.mean_ln = Some(now_ln);
+            return (white, if too_large { Some((before, -x)) } else { None });
+        }
         // Order: the rate times 1 - 0.9 p.
-        let rate = num(RATE) * (T::ONE - num(1.0 - RISEN_SHARE) * risen);
+        let rate = num(RATE) * (T::ONE - num(1.0 - CHANGED_SHARE) * larger(fallen, risen));
         self.mean_ln = Some(mean_ln - rate * limited(x, num(-1.0), num(1.0)));
-        white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST)))
+        (white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST))), None)
     }
 
     /// Its state, named.
     pub fn visit(&self, anchor: usize, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
         f(format_args!("mean of what stands out of anchor {anchor}"), self.mean_ln.unwrap_or(T::ZERO));
+        f(format_args!("last action of anchor {anchor}"), T::of_count(self.action));
     }
+}
+
+/// How likely a change of the noise is that leaves x missing.
+fn likely<T: Real>(x: T) -> T {
+    // Order: x times the inverse of the deviation.
+    let deviations = larger(x, T::ZERO) * T::of(1.0 / DEVIATION);
+    T::ONE / (T::ONE + T::of(ODDS) * exp(T::of(-0.5) * square(deviations)))
 }
