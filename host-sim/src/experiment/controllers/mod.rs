@@ -95,7 +95,7 @@ impl Controller {
 type Change = fn(&mut ControllerSettings);
 
 /// What the core's controller is tried without, or with instead.
-pub const ABLATIONS: [(&str, Change); 19] = [
+pub const ABLATIONS: [(&str, Change); 20] = [
     ("no-planning", |settings| {
         settings.planned_actions = 1;
         settings.learning.rate = 0.0;
@@ -112,6 +112,7 @@ pub const ABLATIONS: [(&str, Change); 19] = [
     ("subset-40", |settings| settings.planned_actions = 40),
     ("no-exploration", |settings| settings.choice.exploration = 0.0),
     ("exploration-0.05", |settings| settings.choice.exploration = 0.05),
+    ("no-search", |settings| settings.choice.patience_cycles = 0),
     ("no-hysteresis", |settings| settings.choice.hysteresis_nat = 0.0),
     ("rate-0.2", |settings| settings.learning.rate = 0.2),
     ("rate-1", |settings| settings.learning.rate = 1.0),
