@@ -116,6 +116,10 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         {
             self.values.correct(self.chosen, earned - planned, &settings.learning);
         }
+        if let Some(found_with) = self.sought_with.filter(|_| !outcome.lost) {
+            self.held = found_with;
+            self.sought_with = None;
+        }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
         let alternatives = self.allowed.iter().filter(|allowed| **allowed).count();
         if settings.planned_actions == 0 || alternatives < 2 {
@@ -130,7 +134,10 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.values.learn(action, reward(action) - present, &self.policy, &settings.learning);
         }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
-        self.held = settle(&self.values, &self.allowed, self.held, &settings.choice);
+        // What is heard while the tag is lost need not be what would find it: a turn is not cut short.
+        if self.sought_with.is_none() {
+            self.held = settle(&self.values, &self.allowed, self.held, &settings.choice);
+        }
         self.values.relate_to(self.held, &self.allowed);
         let explored = explore(&self.policy, &self.allowed, &settings.choice, &mut rng);
         self.seek(outcome, &mut rng);
@@ -140,12 +147,13 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         self.planned_reward = known.then(|| reward(self.chosen));
     }
 
-    /// A tag that is lost in spite of the best action may be so because of it: in turn, it is looked for with another.
+    /// A tag that is lost in spite of the best action may be so because of it: in turn, it is sought with another. Where
+    /// nothing at all is heard with that, its turn ends all the same.
     fn seek(&mut self, outcome: &Outcome, rng: &mut impl Rng) {
         let patience = self.settings.choice.patience_cycles;
         if !outcome.lost {
-            (self.lost_cycles, self.sought_with) = (0, None);
-        } else if outcome.heard && patience > 0 {
+            self.lost_cycles = 0;
+        } else if patience > 0 && (outcome.heard || self.sought_with.is_some()) {
             self.lost_cycles = self.lost_cycles.saturating_add(1);
             if self.lost_cycles.is_multiple_of(patience) {
                 self.sought_with = match self.sought_with {
@@ -177,10 +185,11 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         let announced = self.announced().unwrap_or(self.chosen);
         let in_use = [self.held, self.chosen, self.action_index(), announced];
         if !in_use.into_iter().all(is_left) {
-            (self.held, self.chosen, self.sought_with, self.planned_reward) = (first, first, None, None);
+            (self.held, self.chosen, self.planned_reward) = (first, first, None);
             self.hop = self.settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
         }
         self.allowed = left;
+        (self.lost_cycles, self.sought_with) = (0, None);
         self.policy = policy(&self.values, &self.allowed, self.settings.choice.temperature_nat);
         true
     }
@@ -251,13 +260,18 @@ mod tests {
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(1);
         let lost = Outcome { applied: 0, earned: None, heard: true, lost: true, called: false };
         for cycle in 1..5 * patience {
-            // What nobody answers says nothing of the action.
-            controller.seek(&Outcome { heard: false, ..lost }, &mut rng);
+            if controller.sought_with.is_none() {
+                // What nobody answers says nothing of the action held.
+                controller.seek(&Outcome { heard: false, ..lost }, &mut rng);
+            }
             controller.seek(&lost, &mut rng);
             let elsewhere = if (cycle / patience) % 2 == 1 { Some(2) } else { None };
             assert_eq!(controller.sought_with, elsewhere, "{cycle}");
         }
-        controller.seek(&Outcome { lost: false, ..lost }, &mut rng);
+        // Nor is the radio stuck where nobody answers.
+        (0..patience).for_each(|_| controller.seek(&lost, &mut rng));
+        assert_eq!(controller.sought_with, Some(2));
+        (0..patience).for_each(|_| controller.seek(&Outcome { heard: false, ..lost }, &mut rng));
         assert_eq!(controller.sought_with, None);
     }
 

@@ -2,13 +2,12 @@
 
 use super::Tracker;
 use crate::config::Config;
+use crate::controller::Controller;
 use crate::error::Error;
 use crate::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::observer::Observer;
 use crate::perceptor::association::{Measurement, false_alarm};
 use crate::perceptor::channel_estimator::{ChannelEstimator, NoiseLevel};
-use crate::perceptor::gain_control::Unmasked;
-use crate::perceptor::state_filter::Source;
 use crate::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 use heapless::Vec;
@@ -256,24 +255,13 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// What the powers of a frame with this level of white noise are measured in.
     fn unit(&mut self, frame: &Frame<'_>, white: f32) -> f32 {
+        let sought_with = self.controller_of(frame.anchor).and_then(Controller::sought_with);
         let Some(gain_control) = self.gain_control.get_mut(frame.anchor) else { return 1.0 };
         if !self.config.radio.gain_control {
             return 1.0;
         }
         let loss_ln = self.channel.loss_ln(frame.action);
-        let (unit, unmasked) =
-            gain_control.unit(frame.samples, white, frame.action, loss_ln, self.acquisition.is_some());
-        if let Some(Unmasked { action, excess_ln }) = unmasked {
-            let shares = self.channel.shares(action, &self.library);
-            self.channel.unmask(Source::Direct { anchor: frame.anchor }, &shares, excess_ln);
-            for (slot, record) in self.environment.iter() {
-                if record.anchor == frame.anchor {
-                    let source = Source::Virtual { anchor: record.anchor, slot };
-                    self.channel.unmask(source, &shares, excess_ln);
-                }
-            }
-        }
-        unit
+        gain_control.unit(frame.samples, white, frame.action, loss_ln, sought_with == Some(frame.action))
     }
 
     /// The variance the filter works with: inflated, and never below the floor.

@@ -3,8 +3,10 @@
 use super::Tracker;
 use super::associate::AssociatedScan;
 use super::receive::Scan;
+use crate::controller::Controller;
 use crate::memory::channel::{Shares, jump};
 use crate::perceptor::association::Belief;
+use crate::perceptor::gain_control::{GainControl, Unmasked};
 use crate::perceptor::state_filter::{Regression, Source};
 use crate::real::larger;
 use crate::report::CycleReport;
@@ -68,7 +70,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     #[inline(never)]
     pub(super) fn remember_noise(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
         let scan = associated.scan;
-        if !scan.framed {
+        // Under gain control, what is heard with an action that a lost tag is sought with cannot be compared yet.
+        let sought = self.gain_control.get(scan.anchor).is_some_and(GainControl::is_sought);
+        if !scan.framed || sought {
             return;
         }
         let shares = self.channel.shares(scan.action, &self.library);
@@ -77,6 +81,21 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             self.remember_level(regression, scan, &shares, jump);
         }
         self.channel.remember_frame(scan.anchor, &shares);
+    }
+
+    /// The tag was found: where another action was needed, the one held before was jammed, which gain control had hidden.
+    pub(super) fn unmask(&mut self) {
+        for anchor in 0..self.anchors.len() {
+            let sought_with = self.controller_of(anchor).and_then(Controller::sought_with);
+            let Some(gain_control) = self.gain_control.get_mut(anchor) else { return };
+            let Some(Unmasked { action, excess_ln }) = gain_control.found(sought_with) else { continue };
+            let shares = self.channel.shares(action, &self.library);
+            self.channel.unmask(Source::Direct { anchor }, &shares, excess_ln);
+            for (slot, record) in self.environment.iter().filter(|(_, record)| record.anchor == anchor) {
+                let source = Source::Virtual { anchor: record.anchor, slot };
+                self.channel.unmask(source, &shares, excess_ln);
+            }
+        }
     }
 
     /// How far the noise of a frame has changed because interference came or went.

@@ -6,10 +6,10 @@
 //! is then the interferer's, so that the noise rose by more than what is missing: by twice that, it is taken. The unit leaves
 //! the rise out, times its probability.
 //!
-//! While the tag is lost, what stood out may have been the interferer's, or may have stood out of noise that had one in it,
-//! since nobody knows when. Where far more or far less does so as soon as the radio listens with another action, its level
-//! begins anew, and in the first case it is told by how much the unit was too large. Of a tag that is not lost, nothing such
-//! is concluded: what more stands out may be an interferer on that action.
+//! What stood out until the tag was lost may have been an interferer's, or may have stood out of noise that had one in it,
+//! since nobody knows when. So frames in which it is sought with another action are compared with nothing. Once it is found
+//! in one, the level of what stands out begins anew there; where that is far higher than before, it is told by how much the
+//! unit was too large. Of other changes of action nothing such is concluded: what more stands out may be an interferer there.
 
 use crate::observation::Samples;
 use crate::real::{exp, larger, limited, ln};
@@ -32,8 +32,10 @@ const CHANGED_SHARE: f32 = 0.1;
 pub struct GainControl {
     /// Mean of ln of what stands out over the white noise, at the reference carrier; `None` before the first frame.
     standing_ln: Option<f32>,
-    /// The action of the last frame.
+    /// The action of the last frame that was compared with it.
     action: usize,
+    /// The action of the last frame and ln of what stood out there, if a lost tag was sought with it.
+    sought: Option<(usize, f32)>,
 }
 
 /// An interferer of which nobody knew.
@@ -47,36 +49,57 @@ pub struct Unmasked {
 
 impl GainControl {
     /// The power, in squared units of the samples, to be taken as 1 in a frame received with `action`, with this level of
-    /// white noise; `loss_ln` is ln of the power lost to the reference carrier, `is_lost` says that the tag is looked for. Finite
-    /// and positive. And what is now known of the action before, if anything.
+    /// white noise; `loss_ln` is ln of the power lost to the reference carrier, `is_sought` says that a lost tag is sought with
+    /// an action that is not the one held. Finite and positive.
     pub fn unit(
         &mut self,
         samples: Samples<'_>,
         white: f32,
         action: usize,
         loss_ln: f32,
-        is_lost: bool,
-    ) -> (f32, Option<Unmasked>) {
+        is_sought: bool,
+    ) -> f32 {
         let white = limited(white, 1e-30, 1e30);
         let standing_ln = ln(standing_out(samples, STANDS_OUT * white)) - ln(white) + loss_ln;
+        self.sought = is_sought.then_some((action, standing_ln));
+        if is_sought {
+            return white;
+        }
+        self.action = action;
         let mean_ln = self.standing_ln.unwrap_or(standing_ln);
         let missing_ln = limited(mean_ln - standing_ln, -50.0, 50.0);
         let (fallen, risen) = (changed(-missing_ln), changed(missing_ln));
-        let before = core::mem::replace(&mut self.action, action);
-        if before != action && is_lost && larger(fallen, risen) > 0.5 {
-            self.standing_ln = Some(standing_ln);
-            let unmasked = Unmasked { action: before, excess_ln: -missing_ln };
-            return (white, (fallen > 0.5).then_some(unmasked));
-        }
         let rate = RATE * (1.0 - (1.0 - CHANGED_SHARE) * larger(fallen, risen));
         self.standing_ln = Some(mean_ln - rate * limited(missing_ln, -1.0, 1.0));
-        (white * exp(-risen * limited(2.0 * missing_ln, 0.0, MOST_LN)), None)
+        white * exp(-risen * limited(2.0 * missing_ln, 0.0, MOST_LN))
     }
 
-    /// The state, for traces: the mean, 0 before the first frame, and the action.
+    /// Whether a lost tag was sought in the last frame with an action that is not the one held.
+    pub fn is_sought(&self) -> bool {
+        self.sought.is_some()
+    }
+
+    /// The tag was found while it was sought with this action: what is now known of the action before, if the last frame was
+    /// such a one.
+    pub fn found(&mut self, sought_with: Option<usize>) -> Option<Unmasked> {
+        let (action, standing_ln) = self.sought.take().filter(|(action, _)| sought_with == Some(*action))?;
+        let before = core::mem::replace(&mut self.action, action);
+        let excess_ln = limited(standing_ln - self.standing_ln.unwrap_or(standing_ln), -50.0, 50.0);
+        let masked = changed(excess_ln) > 0.5;
+        if masked || changed(-excess_ln) > 0.5 {
+            self.standing_ln = Some(standing_ln);
+        }
+        masked.then_some(Unmasked { action: before, excess_ln })
+    }
+
+    /// The state, for traces: the mean, 0 before the first frame, its action, and the action sought with, counted from 1 and 0
+    /// for none, and the level there.
     pub fn visit(&self, mut f: impl FnMut(f32)) {
+        let (sought, level_ln) = self.sought.map_or((0, 0.0), |(action, level_ln)| (action + 1, level_ln));
         f(self.standing_ln.unwrap_or(0.0));
         f(self.action as f32);
+        f(sought as f32);
+        f(level_ln);
     }
 }
 
@@ -114,8 +137,8 @@ mod tests {
         let magnitudes = powers.map(f32::sqrt);
         let complex = powers.map(|power| [0.0, power.sqrt()]);
         let mut copy = *control;
-        let (of_complex, _) = copy.unit(Samples::Complex(&complex), rise * gain, 0, 0.0, false);
-        let (unit, _) = control.unit(Samples::Magnitude(&magnitudes), rise * gain, 0, 0.0, false);
+        let of_complex = copy.unit(Samples::Complex(&complex), rise * gain, 0, 0.0, false);
+        let unit = control.unit(Samples::Magnitude(&magnitudes), rise * gain, 0, 0.0, false);
         assert!((of_complex / unit - 1.0).abs() < 1e-4);
         unit
     }
@@ -149,46 +172,52 @@ mod tests {
             let strength = 10_f32.powf(-0.02 * frame as f32);
             let mut samples = [1.0; 200];
             samples[20] = (1.0 + 1e4 * strength).sqrt();
-            let (unit, _) = control.unit(Samples::Magnitude(&samples), 1.0, 0, 0.0, false);
+            let unit = control.unit(Samples::Magnitude(&samples), 1.0, 0, 0.0, false);
             assert!((unit - 1.0).abs() < 0.05, "{frame}: {unit}");
         }
     }
 
-    /// Noise of 13 dB above the receiver's own from the first frame on, until a lost tag is sought with another action: that
-    /// one is quiet, and by how much the first is not is known.
-    #[test]
-    fn an_interferer_that_was_always_there_is_unmasked_by_another_action() {
-        let mut control = GainControl::default();
-        let mut frame = |action: usize, noise: f32, is_lost: bool| {
-            let mut samples = [noise.sqrt(); 200];
-            samples[20] = (noise + 1e4).sqrt();
-            control.unit(Samples::Magnitude(&samples), noise, action, 0.0, is_lost)
-        };
-        for _ in 0..20 {
-            assert_eq!(frame(2, 20.0, true), (20.0, None));
-        }
-        let (unit, unmasked) = frame(3, 1.0, true);
-        let Some(Unmasked { action: 2, excess_ln }) = unmasked else { panic!("{unmasked:?}") };
-        assert!(unit == 1.0 && (excess_ln - 20_f32.ln()).abs() < 0.01, "{unit} {excess_ln}");
-        // The tag is found. Back at the first, the noise is known.
-        assert_eq!(frame(3, 1.0, false), (1.0, None));
-        let (unit, unmasked) = frame(2, 20.0, false);
-        assert!(unit < 0.2 * 20.0 && unmasked.is_none(), "{unit}");
-        // What more stands out where the tag is not lost need not be its own.
-        assert_eq!(frame(3, 0.1, false).1, None);
+    /// A frame of one path, in this noise.
+    fn path_in(control: &mut GainControl, action: usize, noise: f32, is_sought: bool) -> f32 {
+        let mut samples = [noise.sqrt(); 200];
+        samples[20] = (noise + 1e4).sqrt();
+        control.unit(Samples::Magnitude(&samples), noise, action, 0.0, is_sought)
     }
 
-    /// Far less stands out with another action: the noise rose, unless what stood out before found no tag.
+    /// Noise of 13 dB above the receiver's own from the first frame on, until a lost tag is found with another action: that
+    /// one is quiet, and by how much the first is not is known.
+    #[test]
+    fn an_interferer_that_was_always_there_is_unmasked_where_the_tag_is_found() {
+        let mut control = GainControl::default();
+        (0..20).for_each(|_| assert_eq!(path_in(&mut control, 2, 20.0, false), 20.0));
+        assert!(control.found(Some(2)).is_none() && !control.is_sought());
+        let before = control;
+        assert_eq!(path_in(&mut control, 3, 1.0, true), 1.0);
+        let found = control.found(Some(3));
+        let Some(Unmasked { action: 2, excess_ln }) = found else { panic!("{found:?}") };
+        assert!((excess_ln - 20_f32.ln()).abs() < 0.01, "{excess_ln}");
+        assert!((path_in(&mut control, 3, 1.0, false) - 1.0).abs() < 1e-6);
+        // Back at the first, the noise is known.
+        assert!(path_in(&mut control, 2, 20.0, false) < 0.2 * 20.0);
+        // Where the tag is not found, all is as it was.
+        control = before;
+        path_in(&mut control, 3, 1.0, true);
+        assert_eq!(path_in(&mut control, 2, 20.0, false), 20.0);
+        assert_eq!(control, before);
+    }
+
+    /// Less stands out where the tag is found than where it was lost: that was an interferer, and is no measure.
     #[test]
     fn what_stood_out_where_the_tag_was_lost_is_no_measure() {
-        for (is_lost, unit) in [(false, 1e-4..0.1), (true, 1.0..1.1)] {
+        for (is_sought, unit) in [(false, 1e-4..0.1), (true, 0.99..1.01)] {
             let mut control = GainControl::default();
-            let samples = [100.0, 100.0, 1.0, 1.0];
             (0..5).for_each(|_| {
-                control.unit(Samples::Magnitude(&samples), 1.0, 0, 0.0, is_lost);
+                path_in(&mut control, 0, 1.0, false);
             });
-            let (found, unmasked) = control.unit(Samples::Magnitude(&samples[1..]), 20.0, 1, 0.0, is_lost);
-            assert!(unit.contains(&(found / 20.0)) && unmasked.is_none(), "{is_lost}: {found}");
+            path_in(&mut control, 1, 40.0, is_sought);
+            assert!(control.found(Some(1)).is_none());
+            let found = path_in(&mut control, 1, 40.0, false) / 40.0;
+            assert!(unit.contains(&found), "{is_sought}: {found}");
         }
     }
 
@@ -198,7 +227,7 @@ mod tests {
         for magnitude in [0.0, 1e-20, 1.0, 1e18, f32::MAX] {
             for white in [0.0, 1e-38, 1.0, f32::MAX] {
                 for samples in [&[magnitude; 40][..], &[]] {
-                    let (unit, _) = control.unit(Samples::Magnitude(samples), white, 0, 3.0, false);
+                    let unit = control.unit(Samples::Magnitude(samples), white, 0, 3.0, false);
                     assert!(unit > 0.0 && unit.is_finite(), "{magnitude} {white}: {unit}");
                 }
             }

@@ -414,6 +414,11 @@ impl<T: Real> Controller<T> {
         {
             self.values[self.chosen] += T::of(settings.learning.experience_rate) * (earned - planned);
         }
+        if let (Some(action), false) = (self.sought_with, outcome.lost) {
+            // Found with it.
+            self.held = action;
+            self.sought_with = None;
+        }
         self.policy = policy(&self.values, &self.allowed, temperature);
         if settings.planned_actions == 0 || self.allowed.len() < 2 {
             return;
@@ -439,7 +444,8 @@ impl<T: Real> Controller<T> {
         self.policy = policy(&self.values, &self.allowed, temperature);
         let hysteresis = T::of(settings.choice.hysteresis_nat);
         let favourite = best(&self.values, &self.allowed);
-        if self.values[favourite] > self.values[present] + hysteresis {
+        // Nothing is judged while another is sought with.
+        if self.sought_with.is_none() && self.values[favourite] > self.values[present] + hysteresis {
             self.held = favourite;
         }
         let standard = self.values[self.held];
@@ -450,10 +456,10 @@ impl<T: Real> Controller<T> {
         let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
         if !outcome.lost {
             self.lost_cycles = 0;
-            self.sought_with = None;
         }
         let patience = settings.choice.patience_cycles;
-        if outcome.lost && outcome.heard && patience > 0 {
+        let counts = outcome.heard || self.sought_with.is_some();
+        if outcome.lost && counts && patience > 0 {
             self.lost_cycles = self.lost_cycles.saturating_add(1);
             if self.lost_cycles.is_multiple_of(patience) {
                 // By turns the one held and another.

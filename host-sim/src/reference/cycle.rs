@@ -242,7 +242,11 @@ impl<T: Real> Reference<T> {
         if gap {
             self.lose_sight(&last, &predicted);
         }
+        let lost = self.acquisition.is_some();
         self.acquire(&scans, if gap { T::ZERO } else { elapsed_s }, &heights);
+        if lost && self.acquisition.is_none() {
+            self.unmask();
+        }
         if self.acquisition.is_none() {
             self.follow_manoeuvre(&scans, elapsed_s, &heights);
         }
@@ -372,19 +376,8 @@ impl<T: Real> Reference<T> {
         scan.unit = if self.config.radio.gain_control {
             let Frame { anchor, action, samples, .. } = *frame;
             let loss_ln = self.channel.loss_ln(action);
-            let white = estimate.noise.white;
-            let (unit, too_large) =
-                self.gain_control[anchor].unit(samples, white, action, loss_ln, self.acquisition.is_some());
-            if let Some((before, excess_ln)) = too_large {
-                let shares = self.channel.shares(before, &self.library);
-                self.channel.unmask(Source::Direct { anchor }, &shares, excess_ln);
-                for (slot, record) in self.environment.in_use() {
-                    if record.anchor == anchor {
-                        self.channel.unmask(Source::Virtual { anchor, slot }, &shares, excess_ln);
-                    }
-                }
-            }
-            unit
+            let sought = self.controller(anchor).sought_with == Some(action);
+            self.gain_control[anchor].unit(samples, estimate.noise.white, action, loss_ln, sought)
         } else {
             T::ONE
         };
@@ -675,10 +668,26 @@ impl<T: Real> Reference<T> {
         Received { action, shares, jump: jump(noise / larger(count, T::ONE)) }
     }
 
+    /// The tag was found: what gain control hid until another action was tried is charged to the one before.
+    fn unmask(&mut self) {
+        for anchor in 0..self.anchors.len() {
+            let sought_with = self.controller(anchor).sought_with;
+            let Some((before, excess_ln)) = self.gain_control[anchor].found(sought_with) else { continue };
+            let shares = self.channel.shares(before, &self.library);
+            self.channel.unmask(Source::Direct { anchor }, &shares, excess_ln);
+            for (slot, record) in self.environment.in_use() {
+                if record.anchor == anchor {
+                    self.channel.unmask(Source::Virtual { anchor, slot }, &shares, excess_ln);
+                }
+            }
+        }
+    }
+
     /// The noise of a frame, for every source, where association means nothing.
     fn remember_noise(&mut self, associated: &AssociatedScan<T>) {
         let scan = &associated.scan;
-        if !scan.framed {
+        // What waits for the tag is not compared.
+        if !scan.framed || self.gain_control[scan.anchor].is_waiting() {
             return;
         }
         let received = self.received(associated);
@@ -986,9 +995,14 @@ impl<T: Real> Reference<T> {
         report.next = self.library.actions[report.next_action];
     }
 
+    /// The controller that chooses for an anchor.
+    fn controller(&self, anchor: usize) -> &Controller<T> {
+        &self.controllers[if self.controllers.len() == 1 { 0 } else { anchor }]
+    }
+
     /// The action that an anchor's next frame should use.
     fn action(&self, anchor: usize) -> usize {
-        self.controllers[if self.controllers.len() == 1 { 0 } else { anchor }].action
+        self.controller(anchor).action
     }
 
     fn outlook(&self, posterior: &Matrix<T>, elapsed_s: T) -> Outlook<T> {

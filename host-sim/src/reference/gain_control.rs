@@ -6,8 +6,9 @@
 //! probability of a rise, is left out of the unit. m follows ln S by a tenth, but no further than a tenth of a nat, and by
 //! 0.1 of that where x or -x makes a change likely.
 //!
-//! While the tag is lost, in the first frame with another action, m becomes ln S where x or -x makes a change likelier than
-//! not. Where -x does, the units before were too large by -x.
+//! Where a lost tag is sought with another action than the one held, ln S waits. Once it is found so, x is taken of the last
+//! such frame: where x or -x makes a change likelier than not, m becomes that ln S, and where -x does, the units before were
+//! too large by -x.
 
 use super::real::{Real, exp, larger, limited, ln, square};
 use cogmint_core::observation::Samples;
@@ -25,27 +26,22 @@ const CHANGED_SHARE: f32 = 0.1;
 pub struct GainControl<T> {
     /// m; none before the first frame.
     mean_ln: Option<T>,
-    /// With which the last frame was received.
+    /// With which the last frame was received that m follows.
     action: usize,
+    /// Action and ln S of the last frame, if a lost tag was sought with it.
+    waiting: Option<(usize, T)>,
 }
 
 impl<T> Default for GainControl<T> {
     fn default() -> Self {
-        Self { mean_ln: None, action: 0 }
+        Self { mean_ln: None, action: 0, waiting: None }
     }
 }
 
 impl<T: Real> GainControl<T> {
     /// The unit of a frame with this level of white noise, received with an action that loses `loss_ln` more than the first;
-    /// and if the units before were too large, the action before, and ln of by how much. `lost`: the tag is looked for.
-    pub fn unit(
-        &mut self,
-        samples: Samples<'_>,
-        white: T,
-        action: usize,
-        loss_ln: T,
-        lost: bool,
-    ) -> (T, Option<(usize, T)>) {
+    /// `sought`: a lost tag is sought with it.
+    pub fn unit(&mut self, samples: Samples<'_>, white: T, action: usize, loss_ln: T, sought: bool) -> T {
         let num = T::of;
         let white = limited(white, num(1e-30), num(1e30));
         let least = num(STANDS_OUT) * white;
@@ -62,26 +58,52 @@ impl<T: Real> GainControl<T> {
             }
         }
         let now_ln = ln(limited(sum, least, num(1e36))) - ln(white) + loss_ln;
+        if sought {
+            self.waiting = Some((action, now_ln));
+            return white;
+        }
+        self.waiting = None;
+        self.action = action;
         let mean_ln = self.mean_ln.unwrap_or(now_ln);
         let x = limited(mean_ln - now_ln, num(-50.0), num(50.0));
-        let [fallen, risen] = [likely(-x), likely(x)];
+        let risen = likely(x);
+        // Order: the rate times 1 - 0.9 p.
+        let rate = num(RATE) * (T::ONE - num(1.0 - CHANGED_SHARE) * larger(likely(-x), risen));
+        self.mean_ln = Some(mean_ln - rate * limited(x, num(-1.0), num(1.0)));
+        white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST)))
+    }
+
+    /// Whether the last frame waits.
+    pub fn is_waiting(&self) -> bool {
+        self.waiting.is_some()
+    }
+
+    /// The tag was found, sought with this action: the action before, and ln of by how much its units were too large.
+    pub fn found(&mut self, sought_with: Option<usize>) -> Option<(usize, T)> {
+        let (action, now_ln) = self.waiting.take()?;
+        if sought_with != Some(action) {
+            return None;
+        }
         let before = self.action;
         self.action = action;
-        let too_large = fallen > num(0.5);
-        if action != before && lost && larger(fallen, risen) > num(0.5) {
+        let by = limited(now_ln - self.mean_ln.unwrap_or(now_ln), T::of(-50.0), T::of(50.0));
+        let half = T::of(0.5);
+        if likely(by) > half || likely(-by) > half {
             self.mean_ln = Some(now_ln);
-            return (white, if too_large { Some((before, -x)) } else { None });
         }
-        // Order: the rate times 1 - 0.9 p.
-        let rate = num(RATE) * (T::ONE - num(1.0 - CHANGED_SHARE) * larger(fallen, risen));
-        self.mean_ln = Some(mean_ln - rate * limited(x, num(-1.0), num(1.0)));
-        (white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST))), None)
+        if likely(by) > half { Some((before, by)) } else { None }
     }
 
     /// Its state, named.
     pub fn visit(&self, anchor: usize, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
         f(format_args!("mean of what stands out of anchor {anchor}"), self.mean_ln.unwrap_or(T::ZERO));
         f(format_args!("last action of anchor {anchor}"), T::of_count(self.action));
+        let (waiting, ln_s) = match self.waiting {
+            Some((action, ln_s)) => (action + 1, ln_s),
+            None => (0, T::ZERO),
+        };
+        f(format_args!("action anchor {anchor} is sought with"), T::of_count(waiting));
+        f(format_args!("what stands out there of anchor {anchor}"), ln_s);
     }
 }
 
