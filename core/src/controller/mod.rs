@@ -48,8 +48,8 @@ pub struct Controller<const ACTIONS: usize> {
     /// The action held; the one chosen differs from it while another is tried.
     held: usize,
     chosen: usize,
-    /// Cycles heard in a row while the tag was lost, and the action tried where the one held did not find it.
-    lost_cycles: u32,
+    /// While the tag is lost: the cycles of the present turn, and the action tried in it where it is not the one held.
+    turn_cycles: u32,
     sought_with: Option<usize>,
     /// Where choices are announced to the other end before they are used.
     hop: Option<Hop>,
@@ -74,7 +74,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             values,
             held: first,
             chosen: first,
-            lost_cycles: 0,
+            turn_cycles: 0,
             sought_with: None,
             hop,
             planned_reward: None,
@@ -116,9 +116,12 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         {
             self.values.correct(self.chosen, earned - planned, &settings.learning);
         }
-        if let Some(found_with) = self.sought_with.filter(|_| !outcome.lost) {
+        if !outcome.lost
+            && let Some(found_with) = self.sought_with.take()
+            && outcome.heard
+            && outcome.applied == found_with
+        {
             self.held = found_with;
-            self.sought_with = None;
         }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
         let alternatives = self.allowed.iter().filter(|allowed| **allowed).count();
@@ -152,10 +155,11 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     fn seek(&mut self, outcome: &Outcome, rng: &mut impl Rng) {
         let patience = self.settings.choice.patience_cycles;
         if !outcome.lost {
-            self.lost_cycles = 0;
+            self.turn_cycles = 0;
         } else if patience > 0 && (outcome.heard || self.sought_with.is_some()) {
-            self.lost_cycles = self.lost_cycles.saturating_add(1);
-            if self.lost_cycles.is_multiple_of(patience) {
+            self.turn_cycles += 1;
+            if self.turn_cycles >= patience {
+                self.turn_cycles = 0;
                 self.sought_with = match self.sought_with {
                     None => draw_other(&self.allowed, self.held, rng),
                     Some(_) => None,
@@ -189,7 +193,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.hop = self.settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
         }
         self.allowed = left;
-        (self.lost_cycles, self.sought_with) = (0, None);
+        (self.turn_cycles, self.sought_with) = (0, None);
         self.policy = policy(&self.values, &self.allowed, self.settings.choice.temperature_nat);
         true
     }
@@ -224,9 +228,9 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         self.planned_reward
     }
 
-    /// Every whole number of the state, for traces: the actions held, chosen, in use and announced, the frames lost in a row,
-    /// these last two 0 where nothing is announced, the cycles for which the tag is lost, and the action it is sought with,
-    /// counted from 1, 0 where it is the one held.
+    /// Every whole number of the state, for traces: the actions held, chosen, in use and announced, and the frames lost in a
+    /// row (these last two 0 where nothing is announced); the cycles of the present turn of a search, and the action it is
+    /// for, counted from 1, 0 where it is the one held.
     pub fn words(&self) -> [u32; 7] {
         let (held, chosen) = (self.held as u32, self.chosen as u32);
         let (present, announced, lost_frames) = match &self.hop {
@@ -234,7 +238,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             None => (chosen, 0, 0),
         };
         let sought_with = self.sought_with.map_or(0, |action| action as u32 + 1);
-        [held, chosen, present, announced, lost_frames, self.lost_cycles, sought_with]
+        [held, chosen, present, announced, lost_frames, self.turn_cycles, sought_with]
     }
 
     /// The action values.

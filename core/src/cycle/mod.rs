@@ -189,11 +189,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
         observer.stage(Stage::Associate);
         // After a gap, the places to come are those of now.
-        let lost = self.acquisition.is_some();
         self.acquire(&scans, if gap { 0.0 } else { elapsed_s }, tag_height_m);
-        if lost && self.acquisition.is_none() {
-            self.unmask();
-        }
         if self.acquisition.is_none() {
             self.follow_manoeuvre(&scans, elapsed_s, tag_height_m);
         }
@@ -213,6 +209,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             self.discovery.follow(&before, &after);
 
             observer.stage(Stage::Remember);
+            self.unmask(&heard);
             self.remember(&heard, &mut report);
             report.nis = Self::normalised_innovation(&heard);
 

@@ -2,7 +2,6 @@
 
 use super::Tracker;
 use crate::config::Config;
-use crate::controller::Controller;
 use crate::error::Error;
 use crate::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::observer::Observer;
@@ -255,13 +254,18 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
     /// What the powers of a frame with this level of white noise are measured in.
     fn unit(&mut self, frame: &Frame<'_>, white: f32) -> f32 {
-        let sought_with = self.controller_of(frame.anchor).and_then(Controller::sought_with);
+        let Some(controller) = self.controller_of(frame.anchor) else { return 1.0 };
+        let (held, turn) = (controller.held(), controller.sought_with());
+        let is_lost = self.acquisition.is_some();
         let Some(gain_control) = self.gain_control.get_mut(frame.anchor) else { return 1.0 };
         if !self.config.radio.gain_control {
             return 1.0;
         }
+        // Where choices are announced, the last frame of a turn comes after it.
+        let own = Some(frame.action);
+        let is_sought = is_lost && frame.action != held && (turn == own || gain_control.sought_with() == own);
         let loss_ln = self.channel.loss_ln(frame.action);
-        gain_control.unit(frame.samples, white, frame.action, loss_ln, sought_with == Some(frame.action))
+        gain_control.unit(frame.samples, white, frame.action, loss_ln, is_sought)
     }
 
     /// The variance the filter works with: inflated, and never below the floor.

@@ -6,7 +6,7 @@ use super::receive::Scan;
 use crate::controller::Controller;
 use crate::memory::channel::{Shares, jump};
 use crate::perceptor::association::Belief;
-use crate::perceptor::gain_control::{GainControl, Unmasked};
+use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::{Regression, Source};
 use crate::real::larger;
 use crate::report::CycleReport;
@@ -71,7 +71,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     pub(super) fn remember_noise(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
         let scan = associated.scan;
         // Under gain control, what is heard with an action that a lost tag is sought with cannot be compared yet.
-        let sought = self.gain_control.get(scan.anchor).is_some_and(GainControl::is_sought);
+        let sought = self.gain_control.get(scan.anchor).and_then(GainControl::sought_with).is_some();
         if !scan.framed || sought {
             return;
         }
@@ -83,13 +83,19 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.channel.remember_frame(scan.anchor, &shares);
     }
 
-    /// The tag was found: where another action was needed, the one held before was jammed, which gain control had hidden.
-    pub(super) fn unmask(&mut self) {
-        for anchor in 0..self.anchors.len() {
-            let sought_with = self.controller_of(anchor).and_then(Controller::sought_with);
-            let Some(gain_control) = self.gain_control.get_mut(anchor) else { return };
-            let Some(Unmasked { action, excess_ln }) = gain_control.found(sought_with) else { continue };
-            let shares = self.channel.shares(action, &self.library);
+    /// The tag was found: where that needed another action, the one held may have been jammed, which gain control had hidden.
+    pub(super) fn unmask(&mut self, heard: &Vec<AssociatedScan<'_, VAS, PATHS>, ANCHORS>) {
+        for scan in heard.iter().map(|associated| associated.scan).filter(|scan| scan.framed) {
+            let anchor = scan.anchor;
+            let held = self.controller_of(anchor).map_or(0, Controller::held);
+            let Some(excess_ln) = self.gain_control.get_mut(anchor).and_then(GainControl::found) else {
+                continue;
+            };
+            let mut shares = self.channel.shares(held, &self.library);
+            // What was found with is quiet, whatever it overlaps.
+            if let Some(share) = shares.get_mut(scan.action) {
+                *share = 0.0;
+            }
             self.channel.unmask(Source::Direct { anchor }, &shares, excess_ln);
             for (slot, record) in self.environment.iter().filter(|(_, record)| record.anchor == anchor) {
                 let source = Source::Virtual { anchor: record.anchor, slot };

@@ -244,7 +244,8 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 
     /// Enters that frames were measured in too large a unit: that the noise taken for the receiver's own was, by this, as ln,
-    /// interference with the action whose `shares` these are. The level of noise begins anew.
+    /// interference with the action whose `shares` these are. The level of noise begins anew, and with it the interference of a
+    /// virtual anchor, from that of its direct path.
     pub fn unmask(&mut self, source: Source, shares: &Shares<ACTIONS>, excess_ln: f32) {
         if self.full_band {
             return;

@@ -32,19 +32,8 @@ const CHANGED_SHARE: f32 = 0.1;
 pub struct GainControl {
     /// Mean of ln of what stands out over the white noise, at the reference carrier; `None` before the first frame.
     standing_ln: Option<f32>,
-    /// The action of the last frame that was compared with it.
-    action: usize,
-    /// The action of the last frame and ln of what stood out there, if a lost tag was sought with it.
+    /// Action of the last frame, and ln of what stood out in it, if a lost tag was sought with it.
     sought: Option<(usize, f32)>,
-}
-
-/// An interferer of which nobody knew.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Unmasked {
-    /// The action with which it was heard.
-    pub action: usize,
-    /// ln of the factor by which units were too large, positive.
-    pub excess_ln: f32,
 }
 
 impl GainControl {
@@ -65,7 +54,6 @@ impl GainControl {
         if is_sought {
             return white;
         }
-        self.action = action;
         let mean_ln = self.standing_ln.unwrap_or(standing_ln);
         let missing_ln = limited(mean_ln - standing_ln, -50.0, 50.0);
         let (fallen, risen) = (changed(-missing_ln), changed(missing_ln));
@@ -74,30 +62,28 @@ impl GainControl {
         white * exp(-risen * limited(2.0 * missing_ln, 0.0, MOST_LN))
     }
 
-    /// Whether a lost tag was sought in the last frame with an action that is not the one held.
-    pub fn is_sought(&self) -> bool {
-        self.sought.is_some()
+    /// The action of the last frame where a lost tag was sought with it, until it is found.
+    pub fn sought_with(&self) -> Option<usize> {
+        self.sought.map(|(action, _)| action)
     }
 
-    /// The tag was found while it was sought with this action: what is now known of the action before, if the last frame was
-    /// such a one.
-    pub fn found(&mut self, sought_with: Option<usize>) -> Option<Unmasked> {
-        let (action, standing_ln) = self.sought.take().filter(|(action, _)| sought_with == Some(*action))?;
-        let before = core::mem::replace(&mut self.action, action);
+    /// The tag was found in a frame in which it was sought. By how much units were too large with the action held before, as ln:
+    /// positive, `None` where not much more stands out.
+    pub fn found(&mut self) -> Option<f32> {
+        let (_, standing_ln) = self.sought.take()?;
         let excess_ln = limited(standing_ln - self.standing_ln.unwrap_or(standing_ln), -50.0, 50.0);
         let masked = changed(excess_ln) > 0.5;
         if masked || changed(-excess_ln) > 0.5 {
             self.standing_ln = Some(standing_ln);
         }
-        masked.then_some(Unmasked { action: before, excess_ln })
+        masked.then_some(excess_ln)
     }
 
-    /// The state, for traces: the mean, 0 before the first frame, its action, and the action sought with, counted from 1 and 0
-    /// for none, and the level there.
+    /// The state, for traces: the mean, 0 before the first frame, and the action sought with, counted from 1 and 0 for none,
+    /// and the level there.
     pub fn visit(&self, mut f: impl FnMut(f32)) {
         let (sought, level_ln) = self.sought.map_or((0, 0.0), |(action, level_ln)| (action + 1, level_ln));
         f(self.standing_ln.unwrap_or(0.0));
-        f(self.action as f32);
         f(sought as f32);
         f(level_ln);
     }
@@ -190,12 +176,12 @@ mod tests {
     fn an_interferer_that_was_always_there_is_unmasked_where_the_tag_is_found() {
         let mut control = GainControl::default();
         (0..20).for_each(|_| assert_eq!(path_in(&mut control, 2, 20.0, false), 20.0));
-        assert!(control.found(Some(2)).is_none() && !control.is_sought());
+        assert!(control.found().is_none() && control.sought_with().is_none());
         let before = control;
         assert_eq!(path_in(&mut control, 3, 1.0, true), 1.0);
-        let found = control.found(Some(3));
-        let Some(Unmasked { action: 2, excess_ln }) = found else { panic!("{found:?}") };
-        assert!((excess_ln - 20_f32.ln()).abs() < 0.01, "{excess_ln}");
+        assert_eq!(control.sought_with(), Some(3));
+        let excess_ln = control.found();
+        assert!(excess_ln.is_some_and(|excess_ln| (excess_ln - 20_f32.ln()).abs() < 0.01), "{excess_ln:?}");
         assert!((path_in(&mut control, 3, 1.0, false) - 1.0).abs() < 1e-6);
         // Back at the first, the noise is known.
         assert!(path_in(&mut control, 2, 20.0, false) < 0.2 * 20.0);
@@ -215,7 +201,7 @@ mod tests {
                 path_in(&mut control, 0, 1.0, false);
             });
             path_in(&mut control, 1, 40.0, is_sought);
-            assert!(control.found(Some(1)).is_none());
+            assert!(control.found().is_none());
             let found = path_in(&mut control, 1, 40.0, false) / 40.0;
             assert!(unit.contains(&found), "{is_sought}: {found}");
         }
@@ -227,8 +213,11 @@ mod tests {
         for magnitude in [0.0, 1e-20, 1.0, 1e18, f32::MAX] {
             for white in [0.0, 1e-38, 1.0, f32::MAX] {
                 for samples in [&[magnitude; 40][..], &[]] {
-                    let unit = control.unit(Samples::Magnitude(samples), white, 0, 3.0, false);
-                    assert!(unit > 0.0 && unit.is_finite(), "{magnitude} {white}: {unit}");
+                    for is_sought in [false, true] {
+                        let unit = control.unit(Samples::Magnitude(samples), white, 0, 3.0, is_sought);
+                        assert!(unit > 0.0 && unit.is_finite(), "{magnitude} {white}: {unit}");
+                    }
+                    assert!(control.found().is_none_or(|excess_ln| excess_ln > 0.0 && excess_ln <= 50.0));
                 }
             }
         }

@@ -360,8 +360,8 @@ pub struct Controller<T> {
     pub chosen: usize,
     /// What that was planned to earn; none where it was not planned.
     pub planned_reward: Option<T>,
-    /// Cycles, of those with something received, since the tag was lost.
-    pub lost_cycles: u32,
+    /// Cycles of the present turn of a search that count.
+    pub turn_cycles: u32,
     /// The action it is looked for with in place of the one held.
     pub sought_with: Option<usize>,
     /// The present action.
@@ -387,7 +387,7 @@ impl<T: Real> Controller<T> {
             held: first,
             chosen: first,
             planned_reward: None,
-            lost_cycles: 0,
+            turn_cycles: 0,
             sought_with: None,
             action: first,
             announced: first,
@@ -414,9 +414,11 @@ impl<T: Real> Controller<T> {
         {
             self.values[self.chosen] += T::of(settings.learning.experience_rate) * (earned - planned);
         }
-        if let (Some(action), false) = (self.sought_with, outcome.lost) {
-            // Found with it.
-            self.held = action;
+        if !outcome.lost {
+            // Found, and with it?
+            if outcome.heard && self.sought_with == Some(outcome.applied) {
+                self.held = outcome.applied;
+            }
             self.sought_with = None;
         }
         self.policy = policy(&self.values, &self.allowed, temperature);
@@ -455,13 +457,14 @@ impl<T: Real> Controller<T> {
         let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
         let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
         if !outcome.lost {
-            self.lost_cycles = 0;
+            self.turn_cycles = 0;
         }
         let patience = settings.choice.patience_cycles;
         let counts = outcome.heard || self.sought_with.is_some();
         if outcome.lost && counts && patience > 0 {
-            self.lost_cycles = self.lost_cycles.saturating_add(1);
-            if self.lost_cycles.is_multiple_of(patience) {
+            self.turn_cycles += 1;
+            if self.turn_cycles >= patience {
+                self.turn_cycles = 0;
                 // By turns the one held and another.
                 self.sought_with = if self.sought_with.is_some() {
                     None
@@ -504,6 +507,6 @@ impl<T: Real> Controller<T> {
             None => 0,
             Some(action) => action as u32 + 1,
         };
-        [held, chosen, hop[0], hop[1], hop[2], self.lost_cycles, sought_with]
+        [held, chosen, hop[0], hop[1], hop[2], self.turn_cycles, sought_with]
     }
 }

@@ -242,11 +242,7 @@ impl<T: Real> Reference<T> {
         if gap {
             self.lose_sight(&last, &predicted);
         }
-        let lost = self.acquisition.is_some();
         self.acquire(&scans, if gap { T::ZERO } else { elapsed_s }, &heights);
-        if lost && self.acquisition.is_none() {
-            self.unmask();
-        }
         if self.acquisition.is_none() {
             self.follow_manoeuvre(&scans, elapsed_s, &heights);
         }
@@ -268,6 +264,7 @@ impl<T: Real> Reference<T> {
             }
             self.filter.update(&innovations);
             self.discovery.follow(&before, &self.filter.agent());
+            self.unmask(&heard);
             self.remember(&heard, &mut report);
             report.nis = normalised_innovation(&heard);
             if !self.loss.is_doubtful() {
@@ -376,7 +373,11 @@ impl<T: Real> Reference<T> {
         scan.unit = if self.config.radio.gain_control {
             let Frame { anchor, action, samples, .. } = *frame;
             let loss_ln = self.channel.loss_ln(action);
-            let sought = self.controller(anchor).sought_with == Some(action);
+            let Controller { held, sought_with, .. } = *self.controller(anchor);
+            // The last frame of a turn may come after it, where choices are announced.
+            let turn =
+                sought_with == Some(action) || self.gain_control[anchor].waiting_with() == Some(action);
+            let sought = self.acquisition.is_some() && action != held && turn;
             self.gain_control[anchor].unit(samples, estimate.noise.white, action, loss_ln, sought)
         } else {
             T::ONE
@@ -668,12 +669,16 @@ impl<T: Real> Reference<T> {
         Received { action, shares, jump: jump(noise / larger(count, T::ONE)) }
     }
 
-    /// The tag was found: what gain control hid until another action was tried is charged to the one before.
-    fn unmask(&mut self) {
-        for anchor in 0..self.anchors.len() {
-            let sought_with = self.controller(anchor).sought_with;
-            let Some((before, excess_ln)) = self.gain_control[anchor].found(sought_with) else { continue };
-            let shares = self.channel.shares(before, &self.library);
+    /// The tag was found: what gain control hid until another action was tried is charged to the one held.
+    fn unmask(&mut self, heard: &[AssociatedScan<T>]) {
+        for AssociatedScan { scan, .. } in heard {
+            let anchor = scan.anchor;
+            if !scan.framed {
+                continue;
+            }
+            let Some(excess_ln) = self.gain_control[anchor].found() else { continue };
+            let mut shares = self.channel.shares(self.controller(anchor).held, &self.library);
+            shares[scan.action] = T::ZERO;
             self.channel.unmask(Source::Direct { anchor }, &shares, excess_ln);
             for (slot, record) in self.environment.in_use() {
                 if record.anchor == anchor {
@@ -687,7 +692,7 @@ impl<T: Real> Reference<T> {
     fn remember_noise(&mut self, associated: &AssociatedScan<T>) {
         let scan = &associated.scan;
         // What waits for the tag is not compared.
-        if !scan.framed || self.gain_control[scan.anchor].is_waiting() {
+        if !scan.framed || self.gain_control[scan.anchor].waiting_with().is_some() {
             return;
         }
         let received = self.received(associated);

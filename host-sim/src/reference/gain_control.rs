@@ -26,15 +26,13 @@ const CHANGED_SHARE: f32 = 0.1;
 pub struct GainControl<T> {
     /// m; none before the first frame.
     mean_ln: Option<T>,
-    /// With which the last frame was received that m follows.
-    action: usize,
     /// Action and ln S of the last frame, if a lost tag was sought with it.
     waiting: Option<(usize, T)>,
 }
 
 impl<T> Default for GainControl<T> {
     fn default() -> Self {
-        Self { mean_ln: None, action: 0, waiting: None }
+        Self { mean_ln: None, waiting: None }
     }
 }
 
@@ -63,7 +61,6 @@ impl<T: Real> GainControl<T> {
             return white;
         }
         self.waiting = None;
-        self.action = action;
         let mean_ln = self.mean_ln.unwrap_or(now_ln);
         let x = limited(mean_ln - now_ln, num(-50.0), num(50.0));
         let risen = likely(x);
@@ -73,31 +70,25 @@ impl<T: Real> GainControl<T> {
         white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST)))
     }
 
-    /// Whether the last frame waits.
-    pub fn is_waiting(&self) -> bool {
-        self.waiting.is_some()
+    /// The action of the last frame, if it waits.
+    pub fn waiting_with(&self) -> Option<usize> {
+        self.waiting.map(|(action, _)| action)
     }
 
-    /// The tag was found, sought with this action: the action before, and ln of by how much its units were too large.
-    pub fn found(&mut self, sought_with: Option<usize>) -> Option<(usize, T)> {
-        let (action, now_ln) = self.waiting.take()?;
-        if sought_with != Some(action) {
-            return None;
-        }
-        let before = self.action;
-        self.action = action;
+    /// The tag was found, in a frame that waits: ln of by how much units were too large with the action held.
+    pub fn found(&mut self) -> Option<T> {
+        let (_, now_ln) = self.waiting.take()?;
         let by = limited(now_ln - self.mean_ln.unwrap_or(now_ln), T::of(-50.0), T::of(50.0));
         let half = T::of(0.5);
         if likely(by) > half || likely(-by) > half {
             self.mean_ln = Some(now_ln);
         }
-        if likely(by) > half { Some((before, by)) } else { None }
+        if likely(by) > half { Some(by) } else { None }
     }
 
     /// Its state, named.
     pub fn visit(&self, anchor: usize, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
         f(format_args!("mean of what stands out of anchor {anchor}"), self.mean_ln.unwrap_or(T::ZERO));
-        f(format_args!("last action of anchor {anchor}"), T::of_count(self.action));
         let (waiting, ln_s) = match self.waiting {
             Some((action, ln_s)) => (action + 1, ln_s),
             None => (0, T::ZERO),
