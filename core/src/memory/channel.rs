@@ -14,7 +14,7 @@
 //!
 //! A path that was not found although the frame's own noise let it is hidden: visibility is the state of a two-state Markov
 //! chain. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn
-//! to go elsewhere.
+//! to go elsewhere. (Under gain control, not that of an action which it is sought with, before it is found.)
 //!
 //! The published estimator, moments of the last 40 amplitudes, is not used: amplitudes that differ between carriers and
 //! places count as noise there, and after a few changes of the carrier it takes strong paths for lost ones.
