@@ -14,6 +14,7 @@ pub mod plot;
 pub mod recording;
 pub mod reference;
 pub mod replay;
+pub mod rooms;
 pub mod scenario;
 pub mod score;
 pub mod simulator;

@@ -21,6 +21,8 @@ pub enum Purpose {
     FloorPlan,
     /// Trials of an experiment.
     Experiment,
+    /// Aspects of a random room.
+    Room,
 }
 
 /// The generator of a purpose and its indexes.

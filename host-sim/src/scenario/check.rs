@@ -60,6 +60,14 @@ impl Fault {
     }
 }
 
+impl Room {
+    /// Whether the geometry is that of a room: walls of some length that meet in single points, an outline that does
+    /// not cross itself.
+    pub(crate) fn is_sound(&self) -> bool {
+        check_geometry("room", self).is_ok()
+    }
+}
+
 impl Scenario {
     /// The first fault, if any, of a scenario that agrees with its schema.
     pub(super) fn check_meaning(&self) -> Result<(), Fault> {
@@ -100,44 +108,7 @@ impl Scenario {
     }
 
     fn check_room(&self, key: &str, room: &Room) -> Result<Vec<Wall>, Fault> {
-        let corners_m = &room.corners_m;
-        let corners_key = format!("{key}.corners_m");
-        if !room.sides.is_empty() && room.sides.len() != corners_m.len() {
-            let reason = format!("has {} entries for {} corners", room.sides.len(), corners_m.len());
-            return Err(Fault::at(format!("{key}.sides"), reason).allowed("none, or one per corner"));
-        }
-        let walls: Vec<Wall> =
-            walls(room).iter().map(|&(ends_m, _)| Wall { ends_m, construction: 0 }).collect();
-        let wall_key = |index: usize| match index.checked_sub(corners_m.len()) {
-            None => format!("{corners_key}.{index}"),
-            Some(inner) => format!("{key}.inner_walls.{inner}"),
-        };
-        let wall_name = |index: usize| match index.checked_sub(corners_m.len()) {
-            None => format!("side {index}"),
-            Some(inner) => format!("inner wall {inner}"),
-        };
-        for (index, wall) in walls.iter().enumerate() {
-            let length_m = distance_m(wall.ends_m[0], wall.ends_m[1]);
-            if !(length_m > CLEARANCE_M) {
-                return Err(Fault::at(wall_key(index), format!("begins a wall {} m long", number(length_m)))
-                    .allowed(format!("above {CLEARANCE_M} m")));
-            }
-        }
-        if let Some((one, other)) = polygon::self_intersection(corners_m) {
-            let reason = format!("makes side {one} cross or touch side {other}");
-            return Err(Fault::at(&corners_key, reason).allowed("an outline that does not meet itself"));
-        }
-        let area_m2 = area_m2(corners_m);
-        if !(area_m2 > MIN_AREA_M2) {
-            return Err(Fault::at(&corners_key, format!("encloses {} m2", number(area_m2)))
-                .allowed(format!("above {MIN_AREA_M2} m2")));
-        }
-        for (index, wall) in walls.iter().enumerate() {
-            if let Some(other) = walls[..index].iter().position(|other| polygon::overlap(other, wall)) {
-                let reason = format!("overlaps {} lengthwise", wall_name(other));
-                return Err(Fault::at(wall_key(index), reason).allowed("walls that meet in single points"));
-            }
-        }
+        let walls = check_geometry(key, room)?;
         let sides = room.sides.iter().enumerate().map(|(index, name)| (format!("{key}.sides.{index}"), name));
         let inner = room.inner_walls.iter().enumerate();
         let inner =
@@ -317,6 +288,48 @@ impl Scenario {
         }
         Ok(())
     }
+}
+
+/// The walls of a room whose geometry can be.
+fn check_geometry(key: &str, room: &Room) -> Result<Vec<Wall>, Fault> {
+    let corners_m = &room.corners_m;
+    let corners_key = format!("{key}.corners_m");
+    if !room.sides.is_empty() && room.sides.len() != corners_m.len() {
+        let reason = format!("has {} entries for {} corners", room.sides.len(), corners_m.len());
+        return Err(Fault::at(format!("{key}.sides"), reason).allowed("none, or one per corner"));
+    }
+    let walls: Vec<Wall> = walls(room).iter().map(|&(ends_m, _)| Wall { ends_m, construction: 0 }).collect();
+    let wall_key = |index: usize| match index.checked_sub(corners_m.len()) {
+        None => format!("{corners_key}.{index}"),
+        Some(inner) => format!("{key}.inner_walls.{inner}"),
+    };
+    let wall_name = |index: usize| match index.checked_sub(corners_m.len()) {
+        None => format!("side {index}"),
+        Some(inner) => format!("inner wall {inner}"),
+    };
+    for (index, wall) in walls.iter().enumerate() {
+        let length_m = distance_m(wall.ends_m[0], wall.ends_m[1]);
+        if !(length_m > CLEARANCE_M) {
+            return Err(Fault::at(wall_key(index), format!("begins a wall {} m long", number(length_m)))
+                .allowed(format!("above {CLEARANCE_M} m")));
+        }
+    }
+    if let Some((one, other)) = polygon::self_intersection(corners_m) {
+        let reason = format!("makes side {one} cross or touch side {other}");
+        return Err(Fault::at(&corners_key, reason).allowed("an outline that does not meet itself"));
+    }
+    let area_m2 = area_m2(corners_m);
+    if !(area_m2 > MIN_AREA_M2) {
+        return Err(Fault::at(&corners_key, format!("encloses {} m2", number(area_m2)))
+            .allowed(format!("above {MIN_AREA_M2} m2")));
+    }
+    for (index, wall) in walls.iter().enumerate() {
+        if let Some(other) = walls[..index].iter().position(|other| polygon::overlap(other, wall)) {
+            let reason = format!("overlaps {} lengthwise", wall_name(other));
+            return Err(Fault::at(wall_key(index), reason).allowed("walls that meet in single points"));
+        }
+    }
+    Ok(walls)
 }
 
 fn check_line(key: &str, text: &str) -> Result<(), Fault> {
