@@ -20,5 +20,6 @@ pub mod simulator;
 mod toml_place;
 pub mod trace;
 pub mod track;
+pub mod trackers;
 pub mod verify;
 pub mod view;
