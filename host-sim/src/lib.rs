@@ -21,5 +21,6 @@ pub mod simulator;
 mod toml_place;
 pub mod trace;
 pub mod track;
+pub mod trackers;
 pub mod verify;
 pub mod view;

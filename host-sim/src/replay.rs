@@ -52,7 +52,8 @@ pub struct Setup {
 
 impl Setup {
     /// The set-up of a recording. With a `seed`, the start is drawn from the recording's disc (or its normal prior
-    /// where it has none); without, the tracker starts at the prior's mean.
+    /// where it has none), about `drawn_about_m` where the recording has it; without, the tracker starts at the
+    /// prior's mean.
     ///
     /// # Errors
     /// The recording asks for more than the tracker holds.
@@ -203,8 +204,8 @@ fn single([x, y]: [f64; 2]) -> [f32; 2] {
 }
 
 fn drawn_start(start: &recording::Start, seed: Option<u64>) -> [f64; 2] {
-    let [x, y] = start.position_m;
-    let Some(seed) = seed else { return [x, y] };
+    let Some(seed) = seed else { return start.position_m };
+    let [x, y] = start.drawn_about_m.unwrap_or(start.position_m);
     let mut rng = Xoshiro128PlusPlus::seed_from_u64(seed);
     let mut uniform = || (f64::from(rng.next_u32()) + 0.5) / 4_294_967_296.0;
     let (a, b) = (uniform(), uniform());

@@ -115,6 +115,7 @@ impl Simulator {
                 position_std_m: prior.position_std_m,
                 velocity_std_m_s: prior.velocity_std_m_s,
                 disc_radius_m: Some(prior.disc_radius_m),
+                drawn_about_m: None,
             },
             association: recording::AssociationModel {
                 detection_probability: prior.detection_probability,
@@ -155,6 +156,7 @@ impl Simulator {
                 })
                 .collect(),
             walls: channel.walls().iter().map(|wall| wall.ends_m).collect(),
+            plan: None,
             cycles: Vec::new(),
         }
     }

@@ -795,6 +795,7 @@ mod tests {
                 position_std_m: 0.2,
                 velocity_std_m_s: 0.2,
                 disc_radius_m: None,
+                drawn_about_m: None,
             },
             association: AssociationModel {
                 detection_probability: 0.95,
@@ -822,6 +823,7 @@ mod tests {
                 .collect(),
             actions,
             walls: Vec::new(),
+            plan: None,
             cycles: Vec::new(),
         };
         for n in 0..cycles {

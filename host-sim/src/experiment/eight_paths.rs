@@ -74,6 +74,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
             position_std_m: 0.25,
             velocity_std_m_s: 0.03,
             disc_radius_m: None,
+            drawn_about_m: None,
         },
         association: AssociationModel {
             detection_probability: 0.95,
@@ -94,6 +95,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
         virtual_anchors: Vec::new(),
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: DURATION_S }],
         walls: Vec::new(),
+        plan: None,
         cycles: cycles.collect(),
     }
 }

@@ -120,6 +120,7 @@ pub fn miluv(npz: &Path, options: MiluvOptions) -> Result<Miluv, InputError> {
             position_std_m: 1.5,
             velocity_std_m_s: 0.5,
             disc_radius_m: None,
+            drawn_about_m: None,
         },
         association: AssociationModel {
             detection_probability: 0.95,
@@ -141,6 +142,7 @@ pub fn miluv(npz: &Path, options: MiluvOptions) -> Result<Miluv, InputError> {
         anchors,
         virtual_anchors: Vec::new(),
         walls: Vec::new(),
+        plan: None,
         actions: vec![Action { carrier_hz: 3993.6e6, pulse_duration_s }],
         cycles,
     };

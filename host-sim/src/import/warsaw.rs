@@ -98,6 +98,7 @@ fn recording_of(link: &LinkRow, start: Start, anchor_m: [f64; 2], cycles: Vec<Cy
         }],
         virtual_anchors: Vec::new(),
         walls: Vec::new(),
+        plan: None,
         actions: vec![Action { carrier_hz: 3993.6e6, pulse_duration_s }],
         cycles,
     }
@@ -124,6 +125,7 @@ fn start_within(path: &Path) -> Result<Start, InputError> {
         position_std_m: 0.5 * extent_m,
         velocity_std_m_s: 0.01,
         disc_radius_m: None,
+        drawn_about_m: None,
     })
 }
 

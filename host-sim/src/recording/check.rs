@@ -7,8 +7,8 @@ use crate::input_error::number;
 use cogmint_core::pulse::PULSE_SAMPLES;
 
 use super::{
-    Anchor, Cycle, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Recording,
-    SampledPulse, Samples,
+    Anchor, Cycle, LINE_TOLERANCE_M, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS,
+    MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Plan, Recording, SampledPulse, Samples,
 };
 
 /// What is wrong with a recording and where.
@@ -115,6 +115,48 @@ fn check_pulse(pulse: &SampledPulse) -> Result<(), Fault> {
     Ok(())
 }
 
+fn check_plan(plan: &Plan) -> Result<(), Fault> {
+    let corners = plan.outline_m.len();
+    if !(3..=MAX_PLAN_SEGMENTS).contains(&corners) {
+        return Err(Fault::key("plan.outline_m", format!("has {corners} corners"))
+            .allowed(format!("3 to {MAX_PLAN_SEGMENTS}")));
+    }
+    for &coordinate_m in plan.outline_m.as_flattened() {
+        check_key("plan.outline_m", coordinate_m, POSITION)?;
+    }
+    if plan.walls.len() > MAX_PLAN_WALLS {
+        return Err(Fault::key("plan.walls", format!("has {} entries", plan.walls.len()))
+            .allowed(format!("at most {MAX_PLAN_WALLS}")));
+    }
+    for (index, wall) in plan.walls.iter().enumerate() {
+        let key = |field: &str| format!("plan.walls.{index}.{field}");
+        let segments = wall.segments_m.len();
+        if !(1..=MAX_PLAN_SEGMENTS).contains(&segments) {
+            return Err(Fault::key(key("segments_m"), format!("has {segments} entries"))
+                .allowed(format!("1 to {MAX_PLAN_SEGMENTS}")));
+        }
+        for [a, b] in &wall.segments_m {
+            for &coordinate_m in a.iter().chain(b) {
+                check_key(key("segments_m"), coordinate_m, POSITION)?;
+            }
+            let length_m = (b[0] - a[0]).hypot(b[1] - a[1]);
+            if !(length_m > LINE_TOLERANCE_M) {
+                return Err(Fault::key(key("segments_m"), format!("has one of {} m", number(length_m)))
+                    .allowed(format!("above {LINE_TOLERANCE_M} m")));
+            }
+        }
+        let off_line_m = wall.off_line_m();
+        if !(off_line_m <= LINE_TOLERANCE_M) {
+            let reason = format!("has an end {} m beside the line of the first", number(off_line_m));
+            return Err(Fault::key(key("segments_m"), reason)
+                .allowed(format!("segments on one line to {LINE_TOLERANCE_M} m")));
+        }
+        check_key(key("offset_std_m"), wall.offset_std_m, from_to(0.0, 100.0))?;
+        check_key(key("rotation_std_rad"), wall.rotation_std_rad, from_to(0.0, 1.6))?;
+    }
+    Ok(())
+}
+
 impl Recording {
     /// The first fault, if any.
     pub(super) fn check(&self) -> Result<(), Fault> {
@@ -139,6 +181,9 @@ impl Recording {
         check_key("start.velocity_std_m_s", self.start.velocity_std_m_s, above_zero_to(1e4))?;
         if let Some(radius_m) = self.start.disc_radius_m {
             check_key("start.disc_radius_m", radius_m, above_zero_to(1e6))?;
+        }
+        for coordinate_m in self.start.drawn_about_m.into_iter().flatten() {
+            check_key("start.drawn_about_m", coordinate_m, POSITION)?;
         }
         let association = &self.association;
         check_key(
@@ -170,6 +215,9 @@ impl Recording {
             for &coordinate_m in wall.as_flattened() {
                 check_key(format!("walls.{index}"), coordinate_m, POSITION)?;
             }
+        }
+        if let Some(plan) = &self.plan {
+            check_plan(plan)?;
         }
         for (index, action) in self.actions.iter().enumerate() {
             check_key(format!("actions.{index}.carrier_hz"), action.carrier_hz, from_to(1e6, 1e12))?;
@@ -213,6 +261,16 @@ impl Recording {
             }
             for coordinate_m in virtual_anchor.told_position_m.into_iter().flatten() {
                 check_key(key("told_position_m"), coordinate_m, POSITION)?;
+            }
+            for wall in virtual_anchor.walls.iter() {
+                let count = self.plan.as_ref().map_or(0, |plan| plan.walls.len());
+                if wall >= count {
+                    let fault = Fault::key(key("walls"), format!("names wall {wall}"));
+                    return Err(match count {
+                        0 => fault.allowed("nothing, as there is no plan with walls"),
+                        _ => fault.allowed(format!("0 to {}, the indexes of `plan.walls`", count - 1)),
+                    });
+                }
             }
             let interval = if virtual_anchor.known { above_zero_to(1e6) } else { from_to(0.0, 1e6) };
             check_key(key("std_m"), virtual_anchor.std_m, interval)?;
@@ -383,6 +441,7 @@ fn all_or_none(name: &'static str, mut present: impl Iterator<Item = bool>) -> R
 
 #[cfg(test)]
 mod tests {
+    use super::super::WallSequence;
     use super::super::tests::example;
     use super::*;
 
@@ -422,6 +481,33 @@ mod tests {
         assert_eq!(fault.place, Place::Array("frame_action"));
         let fault = fault_after(|recording| recording.virtual_anchors[0].anchor = 2);
         assert_eq!(fault.place, Place::Key("virtual_anchors.0.anchor".into()));
+        let fault =
+            fault_after(|recording| recording.virtual_anchors[0].walls = WallSequence::new(&[2]).unwrap());
+        assert_eq!(fault.place, Place::Key("virtual_anchors.0.walls".into()));
+        assert_eq!(fault.allowed.as_deref(), Some("0 to 1, the indexes of `plan.walls`"));
+        let fault = fault_after(|recording| recording.plan = None);
+        assert_eq!(fault.place, Place::Key("virtual_anchors.0.walls".into()));
+    }
+
+    #[test]
+    fn a_plan_has_an_outline_and_walls_of_segments_on_one_line() {
+        let plan_fault = |change: fn(&mut Plan)| {
+            fault_after(|recording| change(recording.plan.as_mut().expect("has a plan")))
+        };
+        let key = |text: &str| Place::Key(text.into());
+        assert_eq!(plan_fault(|plan| plan.outline_m.truncate(2)).place, key("plan.outline_m"));
+        assert_eq!(plan_fault(|plan| plan.outline_m[1][0] = f64::NAN).place, key("plan.outline_m"));
+        let segments = key("plan.walls.0.segments_m");
+        assert_eq!(plan_fault(|plan| plan.walls[0].segments_m.clear()).place, segments);
+        assert_eq!(plan_fault(|plan| plan.walls[0].segments_m[1][0] = [3.0, 0.01]).place, segments);
+        assert_eq!(plan_fault(|plan| plan.walls[0].segments_m[0][1] = [0.0, 0.0]).place, segments);
+        assert_eq!(plan_fault(|plan| plan.walls[0].segments_m[0][1][1] = f64::INFINITY).place, segments);
+        assert_eq!(
+            plan_fault(|plan| plan.walls[1].offset_std_m = -0.1).place,
+            key("plan.walls.1.offset_std_m")
+        );
+        let rotation = key("plan.walls.1.rotation_std_rad");
+        assert_eq!(plan_fault(|plan| plan.walls[1].rotation_std_rad = f64::NAN).place, rotation);
     }
 
     #[test]

@@ -36,12 +36,16 @@
 
 mod check;
 pub(crate) mod npz;
+mod plan;
 mod read;
 mod write;
 
 use serde::{Deserialize, Serialize};
 
 pub use crate::input_error::InputError;
+pub use plan::{
+    LINE_TOLERANCE_M, MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_SEQUENCE, Plan, PlanWall, WallSequence,
+};
 
 /// The version of the format that this crate reads and writes: the key `format` of `recording.toml`.
 pub const FORMAT: u32 = 1;
@@ -85,8 +89,10 @@ pub struct Recording {
     pub virtual_anchors: Vec<VirtualAnchor>,
     /// The carriers and pulses that frames were sent with. At least one when there are frames.
     pub actions: Vec<Action>,
-    /// Walls of the floor plan, each from end to end, for figures.
+    /// Walls of the room, each from end to end, for figures.
     pub walls: Vec<[[f64; 2]; 2]>,
+    /// The floor plan that the tracker is told, if it is told of walls.
+    pub plan: Option<Plan>,
     /// The measurements, in order of time.
     pub cycles: Vec<Cycle>,
 }
@@ -109,9 +115,13 @@ pub struct Start {
     pub position_std_m: f64,
     /// Standard deviation of the first velocity per axis, in m/s; its mean is zero.
     pub velocity_std_m_s: f64,
-    /// When present, a run with a seed draws its start uniformly inside a disc of this radius around the mean.
+    /// When present, a run with a seed draws its start uniformly inside a disc of this radius.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub disc_radius_m: Option<f64>,
+    /// The place about which a run with a seed draws its start, in metres; without, about the mean. A simulation draws
+    /// the mean itself, and what is drawn twice would be further off than the prior says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drawn_about_m: Option<[f64; 2]>,
 }
 
 /// How paths are detected, missed and invented.
@@ -191,12 +201,23 @@ pub struct VirtualAnchor {
     /// Whether it is there. A mistake of the floor plan is not, and is no truth to score against.
     #[serde(default = "exists", skip_serializing_if = "is_true")]
     pub exists: bool,
+    /// The walls of [`Recording::plan`] that reflect its paths, in order from the anchor outwards.
+    #[serde(default, skip_serializing_if = "WallSequence::is_empty")]
+    pub walls: WallSequence,
 }
 
 impl VirtualAnchor {
     /// One that is there: given to the tracker with the deviation `std_m`, or kept for scoring.
     pub fn new(anchor: usize, position_m: [f64; 2], std_m: f64, known: bool) -> Self {
-        Self { anchor, position_m, std_m, known, told_position_m: None, exists: true }
+        Self {
+            anchor,
+            position_m,
+            std_m,
+            known,
+            told_position_m: None,
+            exists: true,
+            walls: WallSequence::default(),
+        }
     }
 }
 
@@ -330,6 +351,7 @@ pub(crate) mod tests {
                 position_std_m: 0.25,
                 velocity_std_m_s: 0.03,
                 disc_radius_m: Some(0.5),
+                drawn_about_m: Some([3.1, 7.1]),
             },
             association: AssociationModel {
                 detection_probability: 0.95,
@@ -348,10 +370,28 @@ pub(crate) mod tests {
             },
             anchors: vec![anchor("A", 0.5), anchor("B", 5.2)],
             walls: vec![[[0.0, 0.0], [6.0, 0.5]]],
+            plan: Some(Plan {
+                outline_m: vec![[0.0, 0.0], [6.0, 0.0], [6.0, 9.0]],
+                walls: vec![
+                    PlanWall {
+                        segments_m: vec![[[0.0, 0.0], [2.0, 0.0]], [[3.0, 0.0], [6.0, 0.0]]],
+                        offset_std_m: 0.05,
+                        rotation_std_rad: 0.01,
+                        construction: "brick".into(),
+                    },
+                    PlanWall {
+                        segments_m: vec![[[6.0, 0.0], [6.0, 9.0]]],
+                        offset_std_m: 0.0,
+                        rotation_std_rad: 0.0,
+                        construction: "glass".into(),
+                    },
+                ],
+            }),
             virtual_anchors: vec![
                 VirtualAnchor {
                     told_position_m: Some([-5.9, 2.2]),
                     exists: false,
+                    walls: WallSequence::new(&[1, 0]).expect("are two"),
                     ..VirtualAnchor::new(1, [-5.8, 2.3], 0.01, true)
                 },
                 VirtualAnchor::new(0, [1.0, -7.0], 0.0, false),

@@ -9,8 +9,8 @@ use super::check::{Fault, Place};
 use super::npz::{Archive, Element, printable};
 use super::{
     ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, DIRECT_PATH, FORMAT, Frame, MAX_CYCLES, MAX_FRAMES,
-    MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, META_FILE, Motion, Radio, Range, Recording, Samples, Start,
-    TruthPath, VirtualAnchor,
+    MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, META_FILE, Motion, Plan, Radio, Range, Recording, Samples,
+    Start, TruthPath, VirtualAnchor,
 };
 use crate::input_error::InputError;
 use crate::toml_place;
@@ -58,6 +58,7 @@ struct Meta {
     actions: Vec<Action>,
     #[serde(default)]
     walls: Vec<[[f64; 2]; 2]>,
+    plan: Option<Plan>,
 }
 
 impl Recording {
@@ -96,6 +97,7 @@ fn read_meta(path: &Path, text: &str) -> Result<Recording, InputError> {
         virtual_anchors: meta.virtual_anchors,
         actions: meta.actions,
         walls: meta.walls,
+        plan: meta.plan,
         cycles: Vec::new(),
     };
     recording.check_meta().map_err(|fault| located(fault, path, text, path))?;

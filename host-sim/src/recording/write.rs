@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::check::Place;
 use super::npz::{ArchiveWriter, Element};
 use super::{
-    ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, DIRECT_PATH, FORMAT, META_FILE, Motion, Radio,
-    Recording, Samples, Start, TruthPath, VirtualAnchor,
+    ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, DIRECT_PATH, FORMAT, META_FILE, Motion, Plan,
+    Radio, Recording, Samples, Start, TruthPath, VirtualAnchor,
 };
 use crate::input_error::{InputError, in_one_line};
 
@@ -29,6 +29,8 @@ struct Meta<'a> {
     actions: &'a [Action],
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     walls: &'a [[[f64; 2]; 2]],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    plan: Option<&'a Plan>,
 }
 
 impl Recording {
@@ -92,6 +94,7 @@ impl Recording {
             virtual_anchors: &self.virtual_anchors,
             actions: &self.actions,
             walls: &self.walls,
+            plan: self.plan.as_ref(),
         };
         let text = toml::to_string(&meta).map_err(io::Error::other)?;
         let mut file = File::create_new(dir.join(META_FILE))?;
@@ -288,7 +291,8 @@ mod tests {
         assert_eq!(Recording::read(&dir).expect("is read"), recording);
 
         // Magnitudes, without anything optional, over the first one.
-        recording.start.disc_radius_m = None;
+        (recording.start.disc_radius_m, recording.start.drawn_about_m) = (None, None);
+        recording.plan = None;
         recording.virtual_anchors.clear();
         recording.walls.clear();
         for cycle in &mut recording.cycles {

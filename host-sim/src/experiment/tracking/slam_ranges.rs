@@ -125,12 +125,14 @@ impl SlamRanges {
             position_std_m: 0.25,
             velocity_std_m_s: 0.03,
             disc_radius_m: Some(0.5),
+            drawn_about_m: None,
         };
         // The mean is the room's middle whatever the seed: a disc of no size to speak of.
         let unknown = Start {
             position_m: ROOM_MIDDLE_M,
             position_std_m: ROOM_STD_M,
             disc_radius_m: Some(1e-3),
+            drawn_about_m: None,
             ..known
         };
         Recording {
@@ -163,6 +165,7 @@ impl SlamRanges {
                 .map(|(anchor, image)| VirtualAnchor::new(*anchor, *image, 0.0, false))
                 .collect(),
             walls: Vec::new(),
+            plan: None,
             actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: 0.5e-9 }],
             cycles: (0..STEPS).map(&mut cycle).collect(),
         }

@@ -1,0 +1,164 @@
+//! The floor plan that a tracker is told: an outline, and walls that may each be shifted and turned.
+
+use serde::{Deserialize, Serialize};
+
+/// No plan has more walls than this.
+pub const MAX_PLAN_WALLS: usize = 400;
+/// No wall of a plan has more segments than this, and no outline more corners.
+pub const MAX_PLAN_SEGMENTS: usize = 400;
+/// No told source reflects more often than this.
+pub const MAX_SEQUENCE: usize = 2;
+/// Segments of a wall lie within this of its line, metres: they are stored to the digits that were written.
+pub const LINE_TOLERANCE_M: f64 = 1e-3;
+
+/// A floor plan as it is told: each wall may really be shifted along its normal and turned about its centre.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// Corners of the outline in order, either way round, in metres: the tag is inside.
+    pub outline_m: Vec<[f64; 2]>,
+    /// The walls, those of the outline among them.
+    #[serde(default)]
+    pub walls: Vec<PlanWall>,
+}
+
+/// A wall of a plan: collinear segments that are shifted and turned together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlanWall {
+    /// Its parts, each from end to end, in metres; all on one line, at least one of them, none without length.
+    pub segments_m: Vec<[[f64; 2]; 2]>,
+    /// Standard deviation of the offset along its normal, in metres.
+    pub offset_std_m: f64,
+    /// Standard deviation of the rotation about its centre, in radians.
+    pub rotation_std_rad: f64,
+    /// Name of what its first segment is built of.
+    pub construction: String,
+}
+
+impl PlanWall {
+    /// Unit vector along the wall, from the first end of its first segment to the second.
+    pub fn direction(&self) -> [f64; 2] {
+        let [a, b] = self.segments_m.first().copied().unwrap_or([[0.0; 2], [1.0, 0.0]]);
+        let along = [b[0] - a[0], b[1] - a[1]];
+        let length_m = (along[0] * along[0] + along[1] * along[1]).sqrt();
+        [along[0] / length_m, along[1] / length_m]
+    }
+
+    /// Unit normal: the direction turned left, (-y, x).
+    pub fn normal(&self) -> [f64; 2] {
+        let [x, y] = self.direction();
+        [-y, x]
+    }
+
+    /// Midpoint of the extent of all segments, in metres: what the rotation is about.
+    pub fn centre_m(&self) -> [f64; 2] {
+        let ([from_m, to_m], [x, y]) = (self.extent_m(), self.direction());
+        let [a, _] = self.segments_m.first().copied().unwrap_or_default();
+        let middle_m = 0.5 * (from_m + to_m);
+        [a[0] + middle_m * x, a[1] + middle_m * y]
+    }
+
+    /// Half the length from the first end of any segment to the last, gaps included, in metres.
+    pub fn half_length_m(&self) -> f64 {
+        let [from_m, to_m] = self.extent_m();
+        0.5 * (to_m - from_m)
+    }
+
+    /// Least and largest place of any end along the wall, from the first end of the first segment, in metres.
+    fn extent_m(&self) -> [f64; 2] {
+        let [x, y] = self.direction();
+        let [a, _] = self.segments_m.first().copied().unwrap_or_default();
+        let places = self.segments_m.iter().flatten().map(|end| (end[0] - a[0]) * x + (end[1] - a[1]) * y);
+        places.fold([0.0, 0.0], |[from, to]: [f64; 2], place| [from.min(place), to.max(place)])
+    }
+
+    /// Largest distance of any end from the wall's line, in metres.
+    pub(crate) fn off_line_m(&self) -> f64 {
+        let [x, y] = self.normal();
+        let [a, _] = self.segments_m.first().copied().unwrap_or_default();
+        let away =
+            self.segments_m.iter().flatten().map(|end| ((end[0] - a[0]) * x + (end[1] - a[1]) * y).abs());
+        away.fold(0.0, f64::max)
+    }
+}
+
+/// The walls of a plan that a path meets, by index, in order from the anchor outwards: at most [`MAX_SEQUENCE`].
+/// Empty where it is not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(try_from = "Vec<u16>", into = "Vec<u16>")]
+pub struct WallSequence([Option<u16>; MAX_SEQUENCE]);
+
+impl WallSequence {
+    /// The sequence of these walls; `None` for more than [`MAX_SEQUENCE`] or an index beyond 65535.
+    pub fn new(walls: &[usize]) -> Option<Self> {
+        let mut sequence = Self::default();
+        if walls.len() > MAX_SEQUENCE {
+            return None;
+        }
+        for (slot, &wall) in sequence.0.iter_mut().zip(walls) {
+            *slot = Some(u16::try_from(wall).ok()?);
+        }
+        Some(sequence)
+    }
+
+    /// The walls in order.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = usize> + '_ {
+        self.0.iter().flatten().map(|&wall| usize::from(wall))
+    }
+
+    /// Number of walls: the order of the reflection.
+    pub fn len(&self) -> usize {
+        self.iter().count()
+    }
+
+    /// Whether the walls are not known.
+    pub fn is_empty(&self) -> bool {
+        self.0[0].is_none()
+    }
+}
+
+impl TryFrom<Vec<u16>> for WallSequence {
+    type Error = String;
+
+    fn try_from(walls: Vec<u16>) -> Result<Self, String> {
+        let walls: Vec<usize> = walls.into_iter().map(usize::from).collect();
+        Self::new(&walls)
+            .ok_or_else(|| format!("{} walls where at most {MAX_SEQUENCE} are allowed", walls.len()))
+    }
+}
+
+impl From<WallSequence> for Vec<u16> {
+    fn from(sequence: WallSequence) -> Self {
+        sequence.0.into_iter().flatten().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_centre_of_a_wall_is_the_middle_of_all_its_segments() {
+        let wall = PlanWall {
+            segments_m: vec![[[1.0, 1.0], [2.0, 2.0]], [[5.0, 5.0], [4.0, 4.0]]],
+            offset_std_m: 0.1,
+            rotation_std_rad: 0.01,
+            construction: "brick".into(),
+        };
+        let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12;
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        assert!(near(wall.centre_m(), [3.0, 3.0]), "{:?}", wall.centre_m());
+        assert!(near(wall.direction(), [half, half]) && near(wall.normal(), [-half, half]));
+        assert!((wall.half_length_m() - 8.0_f64.sqrt()).abs() < 1e-12 && wall.off_line_m() < 1e-12);
+    }
+
+    #[test]
+    fn a_sequence_holds_two_walls_in_order_and_no_more() {
+        let sequence = WallSequence::new(&[7, 2]).unwrap();
+        assert_eq!((sequence.iter().collect::<Vec<_>>(), sequence.len()), (vec![7, 2], 2));
+        assert!(WallSequence::new(&[]).unwrap().is_empty());
+        assert_eq!(WallSequence::new(&[1, 2, 3]), None);
+        assert_eq!(WallSequence::new(&[1 << 16]), None);
+    }
+}
