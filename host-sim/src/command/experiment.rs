@@ -2,6 +2,7 @@
 
 mod carriers;
 mod controllers;
+mod rooms;
 mod survival;
 mod tracking;
 mod waypoints;
@@ -28,6 +29,8 @@ pub enum Experiment {
     Controllers(controllers::Options),
     /// What choosing waypoints is worth: the core's application layer beside a straight walk and a random one.
     Waypoints(waypoints::Options),
+    /// Trackers side by side in random rooms that nobody tuned for.
+    Rooms(rooms::Options),
     /// How much interference each controller survives, in a scenario.
     Survival(survival::Options),
 }
@@ -89,6 +92,7 @@ pub fn run(experiment: &Experiment) -> Result<(), Failure> {
         Experiment::Tracking(options) => tracking::run(options),
         Experiment::Controllers(options) => controllers::run(options),
         Experiment::Waypoints(options) => waypoints::run(options),
+        Experiment::Rooms(options) => rooms::run(options),
         Experiment::Survival(options) => survival::run(options),
         Experiment::EightPaths(options) => {
             Recording::may_replace(&options.out)?;

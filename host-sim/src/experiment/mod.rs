@@ -6,6 +6,7 @@ pub mod eight_paths;
 pub mod estimator;
 mod over_runs;
 pub mod response;
+pub mod rooms;
 pub mod survival;
 pub mod tracking;
 pub mod waypoints;

@@ -18,7 +18,7 @@ use cogmint_core::perceptor::state_filter::Regression;
 use serde::Serialize;
 
 /// 95 % quantile of chi-square with two degrees of freedom: -2 ln 0.05.
-const CHI_SQUARE_95: f64 = 5.991_464_547_107_982;
+pub(crate) const CHI_SQUARE_95: f64 = 5.991_464_547_107_982;
 
 /// Normalised errors of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -48,7 +48,7 @@ impl Consistency {
 }
 
 /// e' C^-1 e; infinite where C is no covariance.
-fn normalised_square([x, y]: [f64; 2], [xx, xy, yy]: [f64; 3]) -> f64 {
+pub(crate) fn normalised_square([x, y]: [f64; 2], [xx, xy, yy]: [f64; 3]) -> f64 {
     let determinant = xx * yy - xy * xy;
     if !(determinant > 0.0 && xx > 0.0) {
         return f64::INFINITY;

@@ -1,0 +1,240 @@
+//! Figures over many rooms: by tracker, over all rooms and by everything that was drawn.
+
+use super::RoomRuns;
+use super::run::Run;
+use crate::channel::random::{Purpose, stream, uniform};
+use crate::rooms::Drawn;
+use serde::Serialize;
+
+/// Resamplings of the bootstrap.
+const RESAMPLINGS: usize = 1000;
+
+/// A tracker over a set of rooms. Shares are means over its runs; intervals are the central 95 % of the bootstrap over
+/// rooms (Efron 1979, percentile method).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TrackerFigures {
+    /// Name of the tracker.
+    pub name: String,
+    /// Share of runs that lost the tag.
+    pub lost_share: Option<f64>,
+    /// Its interval.
+    pub lost_share_interval: Option<[f64; 2]>,
+    /// The same over answerable rooms.
+    pub lost_share_answerable: Option<f64>,
+    /// Its interval.
+    pub lost_share_answerable_interval: Option<[f64; 2]>,
+    /// Median over the runs of the root mean square error, metres.
+    pub rmse_median_m: Option<f64>,
+    /// Its interval.
+    pub rmse_median_interval_m: Option<[f64; 2]>,
+    /// 90 % quantile of the same, metres.
+    pub rmse_p90_m: Option<f64>,
+    /// Median over the runs of the RMSE over that of `told` in the same room.
+    pub ratio_to_told_median: Option<f64>,
+    /// Median over the runs of the RMSE over the bound of the frames.
+    pub ratio_to_bound_median: Option<f64>,
+    /// Mean share of cycles that are confident lies.
+    pub confident_lies_share: Option<f64>,
+    /// Mean share of cycles searching.
+    pub searching_share: Option<f64>,
+    /// Mean share of cycles with the truth inside the claimed 95 % ellipse.
+    pub inside_95_share: Option<f64>,
+    /// Mean share of cycles with an error above 5 claimed deviations.
+    pub above_5_sigma_share: Option<f64>,
+    /// Median over the runs of the mean normalised error squared per degree of freedom: 1 is honest.
+    pub nees_median: Option<f64>,
+    /// Median over the runs of the time at which the tag was first said to be known, seconds; none where most never knew.
+    pub first_known_median_s: Option<f64>,
+    /// Mean number of losses said.
+    pub losses_said_mean: Option<f64>,
+}
+
+/// The rooms in which one thing was drawn alike.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Group {
+    /// What was drawn: `family`, `anchors`, `plan`, ...
+    pub by: &'static str,
+    /// As what.
+    pub value: String,
+    /// Number of rooms.
+    pub rooms: usize,
+    /// Answerable ones among them.
+    pub answerable: usize,
+    /// The trackers over all of them.
+    pub trackers: Vec<TrackerFigures>,
+    /// The trackers over the answerable ones.
+    pub trackers_answerable: Vec<TrackerFigures>,
+}
+
+/// The trackers over some rooms.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Number of rooms.
+    pub rooms: usize,
+    /// Answerable ones among them.
+    pub answerable: usize,
+    /// The trackers over all rooms.
+    pub trackers: Vec<TrackerFigures>,
+    /// The trackers over the answerable ones.
+    pub trackers_answerable: Vec<TrackerFigures>,
+}
+
+impl Summary {
+    /// Of these rooms.
+    pub fn new(rooms: &[&RoomRuns]) -> Self {
+        let answerable: Vec<&RoomRuns> = rooms.iter().copied().filter(|room| room.answerable).collect();
+        Self {
+            rooms: rooms.len(),
+            answerable: answerable.len(),
+            trackers: figures(rooms),
+            trackers_answerable: figures(&answerable),
+        }
+    }
+}
+
+/// What rooms are grouped by: the draw and how it is written.
+const DRAWS: [(&str, fn(&Drawn) -> String); 10] = [
+    ("family", |drawn| drawn.family.name().into()),
+    ("anchors", |drawn| drawn.anchors.to_string()),
+    ("plan", |drawn| drawn.plan.name().into()),
+    ("start", |drawn| drawn.start.name().into()),
+    ("interference", |drawn| drawn.interference.name().into()),
+    ("radio", |drawn| drawn.radio.name().into()),
+    ("motion", |drawn| drawn.motion.name().into()),
+    ("rate_hz", |drawn| {
+        let edges = [(3.0, "1 to 3"), (10.0, "3 to 10")];
+        edges.iter().find(|(edge, _)| drawn.rate_hz < *edge).map_or("10 to 50", |(_, name)| name).into()
+    }),
+    ("people", |drawn| drawn.people.to_string()),
+    ("lost_frames", |drawn| if drawn.lost_frames > 0.0 { "some" } else { "none" }.into()),
+];
+
+/// The rooms by everything that was drawn, each value in the order of its first room.
+pub fn groups(rooms: &[RoomRuns]) -> Vec<Group> {
+    let mut groups = Vec::new();
+    for (by, value_of) in DRAWS {
+        let mut values: Vec<String> = rooms.iter().map(|room| value_of(&room.drawn)).collect();
+        values.sort();
+        values.dedup();
+        groups.extend(values.into_iter().map(|value| {
+            let inside: Vec<&RoomRuns> = rooms.iter().filter(|room| value_of(&room.drawn) == value).collect();
+            let Summary { rooms, answerable, trackers, trackers_answerable } = Summary::new(&inside);
+            Group { by, value, rooms, answerable, trackers, trackers_answerable }
+        }));
+    }
+    groups
+}
+
+fn figures(rooms: &[&RoomRuns]) -> Vec<TrackerFigures> {
+    let names = rooms.first().map_or(&[][..], |room| &room.runs[..]).iter().map(|run| run.tracker);
+    names.enumerate().map(|(index, name)| tracker_figures(name, index, rooms)).collect()
+}
+
+fn tracker_figures(name: &str, index: usize, rooms: &[&RoomRuns]) -> TrackerFigures {
+    let runs: Vec<&Run> = rooms.iter().map(|room| &room.runs[index]).collect();
+    let answerable: Vec<&Run> =
+        rooms.iter().filter(|room| room.answerable).map(|room| &room.runs[index]).collect();
+    let lost = |runs: &[&Run]| mean(runs.iter().map(|run| f64::from(u8::from(run.lost))));
+    let rmse = |runs: &[&Run]| quantile(0.5, runs.iter().map(|run| run.rmse_m.unwrap_or(f64::INFINITY)));
+    let share = |of: fn(&Run) -> f64| mean(runs.iter().map(|run| of(run)));
+    // What is unknown is worse than anything known.
+    let median =
+        |of: fn(&Run) -> Option<f64>| quantile(0.5, runs.iter().map(|run| of(run).unwrap_or(f64::INFINITY)));
+    TrackerFigures {
+        name: name.into(),
+        lost_share: lost(&runs),
+        lost_share_interval: bootstrap(&runs, lost),
+        lost_share_answerable: lost(&answerable),
+        lost_share_answerable_interval: bootstrap(&answerable, lost),
+        rmse_median_m: rmse(&runs),
+        rmse_median_interval_m: bootstrap(&runs, rmse),
+        rmse_p90_m: quantile(0.9, runs.iter().map(|run| run.rmse_m.unwrap_or(f64::INFINITY))),
+        ratio_to_told_median: median(|run| run.ratio_to_told),
+        ratio_to_bound_median: median(|run| run.ratio_to_bound),
+        confident_lies_share: share(|run| run.confident_lies),
+        searching_share: share(|run| run.searching),
+        inside_95_share: share(|run| run.inside_95),
+        above_5_sigma_share: share(|run| run.above_5_sigma),
+        nees_median: median(|run| run.nees),
+        first_known_median_s: median(|run| run.first_known_s),
+        losses_said_mean: mean(runs.iter().map(|run| run.losses_said as f64)),
+    }
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
+    let count = values.len();
+    (count > 0).then(|| values.sum::<f64>() / count as f64)
+}
+
+/// The quantile between the nearest ranks; none of nothing and where it is infinite.
+fn quantile(share: f64, values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    let place = share * sorted.len().checked_sub(1)? as f64;
+    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    // Where both are one, infinities must not meet in a difference.
+    let value = if below == above { below } else { below + place.fract() * (above - below) };
+    value.is_finite().then_some(value)
+}
+
+/// The central 95 % of a figure over resamplings of the runs; none where the figure has no value in most of them.
+fn bootstrap(runs: &[&Run], figure: impl Fn(&[&Run]) -> Option<f64>) -> Option<[f64; 2]> {
+    if runs.len() < 2 {
+        return None;
+    }
+    let mut rng = stream(1, Purpose::Experiment, &[runs.len()]);
+    let values: Vec<f64> = (0..RESAMPLINGS)
+        .map(|_| {
+            let drawn = |_| runs[((uniform(&mut rng) * runs.len() as f64) as usize).min(runs.len() - 1)];
+            let sample: Vec<&Run> = (0..runs.len()).map(drawn).collect();
+            figure(&sample).unwrap_or(f64::INFINITY)
+        })
+        .collect();
+    Some([quantile(0.025, values.iter().copied())?, quantile(0.975, values.iter().copied())?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_lie_between_ranks_and_what_is_infinite_has_none() {
+        assert_eq!(quantile(0.5, [3.0, 1.0, 2.0].into_iter()), Some(2.0));
+        assert_eq!(quantile(0.5, [1.0, 2.0].into_iter()), Some(1.5));
+        assert_eq!(quantile(0.5, [1.0, f64::INFINITY, f64::INFINITY].into_iter()), None);
+        assert_eq!(quantile(0.0, [1.0, f64::INFINITY].into_iter()), Some(1.0));
+        assert_eq!(quantile(0.5, std::iter::empty()), None);
+    }
+
+    fn run(lost: bool) -> Run {
+        Run {
+            tracker: "x",
+            lost,
+            rmse_m: Some(if lost { 3.0 } else { 0.1 }),
+            p95_m: None,
+            ratio_to_bound: None,
+            ratio_to_told: None,
+            nees: None,
+            confident_lies: 0.0,
+            searching: 0.0,
+            inside_95: 1.0,
+            above_5_sigma: 0.0,
+            first_known_s: None,
+            losses_said: 0,
+        }
+    }
+
+    /// The interval of a share is that of the binomial distribution, about.
+    #[test]
+    fn the_bootstrap_of_a_share_has_the_binomial_deviation() {
+        let runs: Vec<Run> = (0..200).map(|index| run(index % 4 == 0)).collect();
+        let runs: Vec<&Run> = runs.iter().collect();
+        let share = |runs: &[&Run]| mean(runs.iter().map(|run| f64::from(u8::from(run.lost))));
+        let [low, high] = bootstrap(&runs, share).unwrap();
+        let expected = 1.96 * (0.25 * 0.75 / 200.0_f64).sqrt();
+        assert!(
+            (0.25 - low - expected).abs() < 0.012 && (high - 0.25 - expected).abs() < 0.012,
+            "{low} {high}"
+        );
+    }
+}
