@@ -630,3 +630,90 @@ fn wrong_room(seed: u64, room: &scenario::Room) -> scenario::Room {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cogmint_core::trace::TraceHash;
+
+    fn drawn(seed: u64, restriction: &Restriction) -> RandomRoom {
+        room(seed, restriction).unwrap_or_else(|error| panic!("seed {seed}: {error}"))
+    }
+
+    /// The rooms are a yardstick: figures of different builds are only comparable where they are the same rooms.
+    #[test]
+    fn the_scenario_files_of_seeds_1_to_20_are_these() {
+        let mut hash = TraceHash::default();
+        for seed in 1..=20 {
+            let text = drawn(seed, &Restriction::default()).scenario.to_toml().expect("is TOML");
+            text.bytes().for_each(|byte| hash.word(u32::from(byte)));
+        }
+        assert_eq!(hash.value(), 0, "{:#018x}", hash.value());
+    }
+
+    #[test]
+    fn a_room_read_from_its_file_is_the_room() {
+        for seed in 1..=7 {
+            let RandomRoom { scenario, .. } = drawn(seed, &Restriction::default());
+            let text = scenario.to_toml().expect("is TOML");
+            assert_eq!(Scenario::parse(&text, "room.toml").expect("is valid"), scenario);
+        }
+    }
+
+    #[test]
+    fn draws_have_the_shares_that_are_documented() {
+        const ROOMS: u64 = 420;
+        let rooms: Vec<Drawn> = (1..=ROOMS).map(|seed| drawn(seed, &Restriction::default()).drawn).collect();
+        // Within four deviations of a binomial share.
+        let assert_share = |what: &str, expected: f64, is: &dyn Fn(&Drawn) -> bool| {
+            let share = rooms.iter().filter(|drawn| is(drawn)).count() as f64 / ROOMS as f64;
+            let margin = 4.0 * (expected * (1.0 - expected) / ROOMS as f64).sqrt();
+            assert!((share - expected).abs() < margin, "{what}: {share} instead of {expected}");
+        };
+        for family in Family::ALL {
+            assert_share(family.name(), 1.0 / 7.0, &|drawn| drawn.family == family);
+        }
+        assert_share("at most two anchors", 0.5, &|drawn| drawn.anchors <= 2);
+        assert_share("one anchor", 0.25, &|drawn| drawn.anchors == 1);
+        assert_share("plan within 0.1 m", 1.0 / 3.0, &|drawn| drawn.plan == Plan::Within01);
+        assert_share("start anywhere", 1.0 / 3.0, &|drawn| drawn.start == Start::Anywhere);
+        assert_share("no interference", 0.5, &|drawn| drawn.interference == Disturbance::None);
+        assert_share("sounder", 0.4, &|drawn| drawn.radio == Receiver::Sounder);
+        assert_share("people", 0.5, &|drawn| drawn.people > 0);
+        assert_share("lost frames", 0.5, &|drawn| drawn.lost_frames > 0.0);
+        assert!(rooms.iter().all(|drawn| (300..=600).contains(&drawn.cycles)));
+        assert!(rooms.iter().all(|drawn| (1.0..=50.0).contains(&drawn.rate_hz)));
+    }
+
+    #[test]
+    fn restricting_one_draw_leaves_the_others() {
+        let restriction = Restriction { plans: vec![Plan::None], ..Restriction::default() };
+        for seed in 1..=20 {
+            let (all, restricted) = (drawn(seed, &Restriction::default()), drawn(seed, &restriction));
+            assert_eq!(restricted.drawn, Drawn { plan: Plan::None, ..all.drawn });
+            let prior = Prior {
+                floor_plan: FloorPlan { known: false, ..FloorPlan::default() },
+                ..all.scenario.prior
+            };
+            let description = restricted.scenario.description.clone();
+            assert_eq!(restricted.scenario, Scenario { prior, description, ..all.scenario });
+        }
+    }
+
+    #[test]
+    fn a_wrong_plan_differs_in_one_wall() {
+        let restriction = Restriction { plans: vec![Plan::Wrong], ..Restriction::default() };
+        for seed in 1..=40 {
+            let RandomRoom { scenario, .. } = drawn(seed, &restriction);
+            let wrong = scenario.prior.floor_plan.room.clone().expect("is told another room");
+            let (right, wrong_walls) = (scenario::walls(&scenario.room), scenario::walls(&wrong));
+            if wrong_walls.len() == right.len() {
+                // A side that moves takes the ends of its neighbours along.
+                let moved = right.iter().zip(&wrong_walls).filter(|(a, b)| a.0 != b.0).count();
+                assert!((1..=3).contains(&moved), "seed {seed}: {moved} walls moved");
+            } else {
+                assert_eq!(wrong_walls.len() + 1, right.len());
+            }
+        }
+    }
+}
