@@ -23,6 +23,10 @@ pub enum Purpose {
     Experiment,
     /// Aspects of a random room.
     Room,
+    /// Errors of a floor plan's walls.
+    Walls,
+    /// Mean of the first position.
+    Start,
 }
 
 /// The generator of a purpose and its indexes.

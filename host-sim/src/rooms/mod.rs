@@ -578,8 +578,8 @@ fn told_plan(seed: u64, plan: Plan, room: &scenario::Room) -> FloorPlan {
     let told = |first_order_std_m: f64, offset_std_m: f64, rotation_std_deg: f64| FloorPlan {
         first_order_std_m,
         higher_order_std_m: 2.0 * first_order_std_m,
-        //W wall_offset_std_m: Some(offset_std_m),
-        //W wall_rotation_std_deg: rotation_std_deg,
+        wall_offset_std_m: Some(offset_std_m),
+        wall_rotation_std_deg: rotation_std_deg,
         ..FloorPlan::default()
     };
     match plan {
