@@ -351,9 +351,9 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
 }
 
 /// Power of a direct path of 1 m over the noise, decibels: from poor to rich.
-const SNR_AT_1_M_DB: [f64; 2] = [24.0, 46.0];
+const SNR_AT_1_M_DB: [f64; 2] = [34.0, 60.0];
 /// Energy of dense multipath over that of a direct path of 1 m, decibels.
-const DENSE_MULTIPATH_DB: [f64; 2] = [-28.0, -12.0];
+const DENSE_MULTIPATH_DB: [f64; 2] = [-40.0, -18.0];
 
 fn all_or<'a, T>(allowed: &'a [T], all: &'a [T]) -> &'a [T] {
     if allowed.is_empty() { all } else { allowed }
