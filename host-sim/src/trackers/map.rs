@@ -164,6 +164,19 @@ impl Map {
         }
     }
 
+    /// The slope of the range of a source at `place` over the state, by index.
+    pub(crate) fn slope(&self, anchor: usize, place: &Place, rise_m: f64, state: &[f64]) -> Vec<(usize, f64)> {
+        let [x, y] = [state[0] - place.position_m[0], state[1] - place.position_m[1]];
+        let range_m = (x * x + y * y + rise_m * rise_m).sqrt().max(1e-6);
+        let e = [x / range_m, y / range_m];
+        let mut slope = vec![(0, e[0]), (1, e[1])];
+        slope.extend(place.slopes.iter().map(|&(index, [u, v])| (index, -(e[0] * u + e[1] * v))));
+        if self.biased {
+            slope.push((CONSTANTS + anchor, 1.0));
+        }
+        slope
+    }
+
     /// The range of a source at `place` as the state has it, with the covariance (row by row) for the second order.
     pub(crate) fn look(&self, anchor: usize, place: &Place, rise_m: f64, state: &[f64], covariance: &[f64]) -> Look {
         let [x, y] = [state[0] - place.position_m[0], state[1] - place.position_m[1]];
@@ -196,16 +209,10 @@ impl Map {
         let square = product[0][0] * product[0][0]
             + 2.0 * product[0][1] * product[1][0]
             + product[1][1] * product[1][1];
-        let mut slope: Vec<(usize, f64)> =
-            d.iter().map(|(index, [u, v])| (*index, e[0] * u + e[1] * v)).collect();
-        let mut bias_m = 0.0;
-        if self.biased {
-            slope.push((CONSTANTS + anchor, 1.0));
-            bias_m = state[CONSTANTS + anchor];
-        }
+        let bias_m = if self.biased { state[CONSTANTS + anchor] } else { 0.0 };
         Look {
             range_m: range_m + bias_m,
-            slope,
+            slope: self.slope(anchor, place, rise_m, state),
             curved_m: 0.5 * (product[0][0] + product[1][1]),
             curved_m2: 0.5 * square,
         }

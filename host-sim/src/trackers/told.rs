@@ -193,12 +193,12 @@ fn reduce(mixture: &mut Vec<Gaussian>, most: usize) {
         if !(gaussian.ln_weight > -LIGHTEST) {
             break;
         }
-        let near = kept.iter_mut().find(|kept| {
+        let near = kept.iter().position(|kept| {
             let [position, velocity] = kept.distances(&gaussian);
             position < 0.5 && velocity < 0.7
         });
         match near {
-            Some(near) => near.join(&gaussian),
+            Some(near) => kept[near].join(&gaussian),
             None if kept.len() < most => kept.push(gaussian),
             None => {}
         }
