@@ -150,6 +150,14 @@ impl Setup {
         Ok(self)
     }
 
+    /// The same set-up for a tracker that knows of no reflection and looks for none.
+    #[must_use]
+    pub fn without_reflections(mut self) -> Self {
+        self.map.clear();
+        self.config.discovery = false;
+        self
+    }
+
     /// A fresh tracker of capacity `ANCHORS`.
     ///
     /// # Errors

@@ -113,7 +113,7 @@ fn direction(channel: &Channel, cycle: usize, anchor: usize, component: &Compone
 }
 
 /// Lower factor of a symmetric positive definite matrix.
-fn cholesky(mut matrix: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+pub(crate) fn cholesky(mut matrix: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     for row in 0..matrix.len() {
         for column in 0..=row {
             let known = matrix[row].iter().zip(&matrix[column]).take(column);
@@ -126,7 +126,7 @@ fn cholesky(mut matrix: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
 }
 
 /// Solves L x = b.
-fn forward(factor: &[Vec<f64>], b: &[f64]) -> Vec<f64> {
+pub(crate) fn forward(factor: &[Vec<f64>], b: &[f64]) -> Vec<f64> {
     let mut x: Vec<f64> = Vec::with_capacity(b.len());
     for (row, value) in b.iter().enumerate() {
         let sum: f64 = x.iter().zip(&factor[row]).map(|(x, l)| x * l).sum();

@@ -6,16 +6,6 @@ use crate::recording::Recording;
 use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup, inputs, step};
 use std::path::Path;
 
-impl Setup {
-    /// The same set-up for a tracker that knows of no reflection and looks for none.
-    #[must_use]
-    pub fn without_reflections(mut self) -> Self {
-        self.map.clear();
-        self.config.discovery = false;
-        self
-    }
-}
-
 /// Runs the core over a recording; `file` is named in messages. Pass [`Setup::without_reflections`] for `direct`.
 ///
 /// # Errors

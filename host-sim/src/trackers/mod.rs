@@ -14,6 +14,8 @@
 pub mod bound;
 pub mod core;
 pub mod first_path_ekf;
+mod gaussian;
+mod map;
 pub mod particles;
 pub mod scans;
 pub mod told;
@@ -84,9 +86,7 @@ pub struct Estimate {
     pub seconds: f64,
 }
 
-impl Setup {
-    /// Difference of height between an anchor and the tag, metres; 0 where the tag's height is unknown, as in the core.
-    pub(crate) fn rise_m(&self, anchor: usize, tag_height_m: Option<f64>) -> f64 {
-        tag_height_m.map_or(0.0, |height| f64::from(self.anchors[anchor].height_m) - height)
-    }
+/// Difference of height between an anchor and the tag, metres; 0 where the tag's height is unknown, as in the core.
+pub(crate) fn rise_m(setup: &Setup, anchor: usize, tag_height_m: Option<f64>) -> f64 {
+    tag_height_m.map_or(0.0, |height| f64::from(setup.anchors[anchor].height_m) - height)
 }
