@@ -62,7 +62,7 @@ impl Tracker {
             Tracker::Cogmint => trackers::core::run(setup, recording, file),
             Tracker::Direct => trackers::core::run(&setup.clone().without_reflections(), recording, file),
             Tracker::Told => Ok(trackers::told::run(recording, setup, cycles)),
-            Tracker::Ekf => Ok(trackers::first_path_ekf::run(setup, cycles)),
+            Tracker::Ekf => Ok(trackers::first_path_ekf::run(recording, setup, cycles, None)),
             Tracker::Particles => {
                 Ok(trackers::particles::run(recording, setup, cycles, trackers::particles::PARTICLES, 1))
             }
