@@ -58,7 +58,7 @@ impl Simulator {
     }
 
     /// The virtual anchor of the recording that an anchor's image source is; none for the anchor itself and for what
-    /// no position of the way sees.
+    /// neither a position of the way sees nor the plan knows.
     pub fn virtual_anchor(&self, anchor: usize, source: usize) -> Option<usize> {
         self.floor_plan.index_of.get(anchor)?.get(source).copied().flatten()
     }
@@ -69,7 +69,8 @@ impl Simulator {
             let source = sources.iter().position(|index| *index == Some(virtual_anchor))?;
             Some(self.channel.images(anchor)[source].order)
         });
-        images.unwrap_or(0)
+        let told = || self.floor_plan.virtual_anchors.get(virtual_anchor).map(|va| va.walls.len());
+        images.or_else(told).unwrap_or(0)
     }
 
     /// Number of cycles.
@@ -92,6 +93,16 @@ impl Simulator {
         }
     }
 
+    /// A place in the disc of `prior.disc_radius_m` about the true first position: what somebody would take for it.
+    fn drawn_start_m(&self) -> [f64; 2] {
+        let [x, y] = self.channel.poses()[0].position_m;
+        let mut rng = stream(self.channel.seed(), Purpose::Start, &[self.trajectory]);
+        let (turn, share) = (uniform(&mut rng), uniform(&mut rng));
+        let radius_m = self.channel.scenario().prior.disc_radius_m * share.sqrt();
+        let (sin, cos) = libm::sincos(std::f64::consts::TAU * turn);
+        [x + radius_m * cos, y + radius_m * sin]
+    }
+
     /// The recording without any cycle: what a tracker knows before it starts.
     pub fn before(&self) -> Recording {
         let channel = &self.channel;
@@ -111,11 +122,11 @@ impl Simulator {
             ),
             motion: recording::Motion { acceleration_std_m_s2: prior.acceleration_std_m_s2 },
             start: recording::Start {
-                position_m: prior.position_m.unwrap_or(channel.poses()[0].position_m),
+                position_m: prior.position_m.unwrap_or_else(|| self.drawn_start_m()),
                 position_std_m: prior.position_std_m,
                 velocity_std_m_s: prior.velocity_std_m_s,
                 disc_radius_m: Some(prior.disc_radius_m),
-                drawn_about_m: None,
+                drawn_about_m: prior.position_m.is_none().then(|| channel.poses()[0].position_m),
             },
             association: recording::AssociationModel {
                 detection_probability: prior.detection_probability,
@@ -156,7 +167,7 @@ impl Simulator {
                 })
                 .collect(),
             walls: channel.walls().iter().map(|wall| wall.ends_m).collect(),
-            plan: None,
+            plan: self.floor_plan.plan.clone(),
             cycles: Vec::new(),
         }
     }

@@ -27,7 +27,7 @@ use crate::geometry::image_source::{ImageSource, image_sources};
 use crate::geometry::trajectory::{self, Pose};
 use crate::geometry::{Wall, polygon};
 use crate::input_error::InputError;
-use crate::scenario::{self, Fading, Scenario, Way, Window, construction};
+use crate::scenario::{self, Fading, Room, Scenario, Way, Window, construction};
 use dense_multipath::{ProfileTable, Scatterers, View};
 use interference::Interferer;
 use lattice::{Lattice, Scratch};
@@ -151,7 +151,7 @@ impl Channel {
     /// A wall's construction is unknown.
     pub fn along(scenario: &Scenario, poses: Vec<Pose>, seed: u64) -> Result<Self, InputError> {
         let receiver = Receiver::new(&scenario.radio);
-        let (walls, slabs) = structure(scenario)?;
+        let (walls, slabs) = structure(scenario, &scenario.room)?;
         let longest_s = receiver.actions.iter().map(|action| action.pulse_duration_s).fold(0.0, f64::max);
         let lattice = Lattice::new(receiver.samples, receiver.sample_spacing_s, longest_s);
         let (bands, frequencies_hz) = bands(&receiver, &lattice);
@@ -536,11 +536,11 @@ fn stays_inside(poses: &[Pose], room: &scenario::Room, file: &Path) -> Result<()
 }
 
 /// The walls of a scenario's room and the slabs that their constructions count.
-fn structure(scenario: &Scenario) -> Result<(Vec<Wall>, Vec<Slab>), InputError> {
+pub(crate) fn structure(scenario: &Scenario, room: &Room) -> Result<(Vec<Wall>, Vec<Slab>), InputError> {
     let mut names: Vec<&str> = Vec::new();
     let mut slabs = Vec::new();
     let mut walls = Vec::new();
-    for (ends_m, name) in construction::walls(&scenario.room) {
+    for (ends_m, name) in construction::walls(room) {
         let construction = match names.iter().position(|known| *known == name) {
             Some(index) => index,
             None => {

@@ -21,6 +21,10 @@ pub enum Purpose {
     FloorPlan,
     /// Trials of an experiment.
     Experiment,
+    /// Errors of a floor plan's walls.
+    Walls,
+    /// Mean of the first position.
+    Start,
 }
 
 /// The generator of a purpose and its indexes.

@@ -32,7 +32,7 @@ pub struct PlanWall {
     pub offset_std_m: f64,
     /// Standard deviation of the rotation about its centre, in radians.
     pub rotation_std_rad: f64,
-    /// Name of what its first segment is built of.
+    /// What it is built of; where it is several things, what its first segment is.
     pub construction: String,
 }
 

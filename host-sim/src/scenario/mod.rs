@@ -779,7 +779,7 @@ pub struct Prior {
     /// Standard deviation of the white acceleration per axis, m/s^2.
     #[schemars(range(min = 1e-6, max = 100.0))]
     pub acceleration_std_m_s2: f64,
-    /// Mean of the first position, metres; without it, the true one.
+    /// Mean of the first position, metres; without it, drawn in the disc about the true one.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<[Coordinate; 2]>")]
     pub position_m: Option<Position>,
@@ -789,7 +789,8 @@ pub struct Prior {
     /// Standard deviation of the first velocity per axis, m/s.
     #[schemars(range(min = 1e-3, max = 1e3))]
     pub velocity_std_m_s: f64,
-    /// A run with a seed draws its start inside a disc of this radius around that mean, metres.
+    /// A run with a seed draws its start inside a disc of this radius, metres: around that mean, or around the true
+    /// first position where no mean is given.
     #[schemars(range(min = 1e-3, max = 1e3))]
     pub disc_radius_m: f64,
     /// Probability that the path of a visible source is found.
@@ -825,21 +826,32 @@ impl Default for Prior {
     }
 }
 
-/// What a tracker is told of the virtual anchors.
+/// What a tracker is told of the floor plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FloorPlan {
     /// Whether it is told of any.
     pub known: bool,
-    /// Whether every one is told just where the plan has it; otherwise off by its standard deviation.
+    /// Whether every wall, or every virtual anchor, is told just where the plan has it; otherwise off by its standard
+    /// deviation.
     pub exact: bool,
-    /// Standard deviation of those of first order per axis, metres.
+    /// What the virtual anchors that it is told follow from.
+    pub told: Told,
+    /// Standard deviation of the offset of a wall along its normal, metres; without it, half of `first_order_std_m`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub wall_offset_std_m: Option<f64>,
+    /// Standard deviation of the rotation of a wall about its centre, degrees.
+    #[schemars(range(min = 0.0, max = 45.0))]
+    pub wall_rotation_std_deg: f64,
+    /// Standard deviation of virtual anchors of first order per axis, metres, where each has an error of its own.
     #[schemars(range(min = 1e-4, max = 100.0))]
     pub first_order_std_m: f64,
     /// The same for higher orders.
     #[schemars(range(min = 1e-4, max = 100.0))]
     pub higher_order_std_m: f64,
-    /// The most that it is told of: those with the highest mean SINR along the way.
+    /// The most virtual anchors that it is told of: the most useful ones over the outline, or, where each has an error of
+    /// its own, those with the highest mean SINR along the way.
     #[schemars(range(min = 0, max = 24))]
     pub max_virtual_anchors: usize,
     /// The plan that it is told instead of the truth, for wrong ones.
@@ -852,12 +864,33 @@ impl Default for FloorPlan {
         Self {
             known: true,
             exact: false,
+            told: Told::Walls,
+            wall_offset_std_m: None,
+            wall_rotation_std_deg: 0.5,
             first_order_std_m: 0.1,
             higher_order_std_m: 0.2,
             max_virtual_anchors: 24,
             room: None,
         }
     }
+}
+
+impl FloorPlan {
+    /// Standard deviation of the offset of a wall along its normal, metres.
+    pub fn wall_offset_std_m(&self) -> f64 {
+        self.wall_offset_std_m.unwrap_or(0.5 * self.first_order_std_m)
+    }
+}
+
+/// What the virtual anchors that a tracker is told follow from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Told {
+    /// The plan's walls and the anchors: an error per wall, which all images in it share.
+    #[default]
+    Walls,
+    /// The true way, as in the published experiments: the strongest along it, each with an error of its own.
+    VirtualAnchors,
 }
 
 /// Defaults of single keys.

@@ -1,9 +1,11 @@
-//! The floor plan that a tracker is told: which virtual anchors it gets, how wrong, and which it does not.
+//! The virtual anchors of the published experiments: those that the true way sees best, each with an error of its own.
 //!
 //! Every image that some position of the trajectory sees is a virtual anchor of the recording. The tracker is told of
 //! the strongest: their mean SINR over the whole way counts, zero where they are not seen. With a plan that differs
 //! from the room, it is told of the plan's images instead, which are matched to the room's where they are close; those
 //! below -30 dB in the mean are left out, so that a wall which swallows all is one that the plan lacks.
+//!
+//! Nobody has that list outside a simulation; and a real plan is wrong by wall, so that images err together.
 
 use crate::channel::Channel;
 use crate::channel::random::{Purpose, normal, stream};
@@ -15,27 +17,18 @@ use crate::scenario::Scenario;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
+use super::{FloorPlan, MATCH_M};
+
 /// Positions at which strength is looked at, at most.
 const LOOKS: usize = 250;
 /// An image of a wrong plan that is fainter in the mean is none: so a plan can lack a wall, by one that swallows all.
 const FAINTEST_SINR: f64 = 1e-3;
-/// An image of a wrong plan stands for the room's image of the same order within this distance, metres.
-const MATCH_M: f64 = 1.5;
 
 /// An image with its mean SINR over the way.
 struct Strength {
     anchor: usize,
     image: usize,
     mean_sinr: f64,
-}
-
-/// The virtual anchors of a recording.
-#[derive(Clone, Debug)]
-pub struct FloorPlan {
-    /// All of them.
-    pub virtual_anchors: Vec<VirtualAnchor>,
-    /// Per anchor: which of them each of its image sources is, where some position sees it.
-    pub index_of: Vec<Vec<Option<usize>>>,
 }
 
 /// The virtual anchors of a channel's recordings.
@@ -55,7 +48,7 @@ pub fn of(channel: &Channel) -> Result<FloorPlan, InputError> {
     }
     let plan = &scenario.prior.floor_plan;
     if !plan.known {
-        return Ok(FloorPlan { virtual_anchors: listed, index_of });
+        return Ok(FloorPlan { virtual_anchors: listed, index_of, plan: None });
     }
     match &plan.room {
         None => {
@@ -99,7 +92,7 @@ pub fn of(channel: &Channel) -> Result<FloorPlan, InputError> {
             }
         }
     }
-    Ok(FloorPlan { virtual_anchors: listed, index_of })
+    Ok(FloorPlan { virtual_anchors: listed, index_of, plan: None })
 }
 
 /// Makes a virtual anchor known, with the plan's error, if it has one, on top of where the plan has it.
@@ -127,11 +120,7 @@ fn strengths(channel: &Channel) -> Vec<Strength> {
             sums[component.source] += component.sinr;
         }
         // A short glimpse between two looks makes an image visible as well.
-        let visible: BTreeSet<usize> = (0..cycles)
-            .into_par_iter()
-            .flat_map_iter(|cycle| channel.paths(cycle, anchor).into_iter().map(|path| path.source()))
-            .filter(|&source| source > 0)
-            .collect();
+        let visible = self::seen(channel, anchor);
         let looks = looks.len() as f64;
         strengths.extend(visible.into_iter().map(|image| Strength {
             anchor,
@@ -140,4 +129,13 @@ fn strengths(channel: &Channel) -> Vec<Strength> {
         }));
     }
     strengths
+}
+
+/// The images of an anchor that some position of the way sees, by index; the anchor itself is none.
+pub(super) fn seen(channel: &Channel, anchor: usize) -> BTreeSet<usize> {
+    (0..channel.poses().len())
+        .into_par_iter()
+        .flat_map_iter(|cycle| channel.paths(cycle, anchor).into_iter().map(|path| path.source()))
+        .filter(|&source| source > 0)
+        .collect()
 }
