@@ -87,7 +87,7 @@ impl Map {
             .chain([[0.0, f64::from(start.velocity_std_m_s)]; 2])
             .collect();
         let ranging = &setup.config.ranging;
-        let biased = ranging.bias_std_m > 0.0;
+        let biased = ranging.bias_std_m > 0.0 && std::env::var("T_NOBIAS").is_err();
         if biased {
             let bias = [f64::from(ranging.bias_mean_m), f64::from(ranging.bias_std_m)];
             prior.extend(setup.anchors.iter().map(|_| bias));
@@ -232,7 +232,7 @@ pub(crate) enum Wanted {
 /// takes the acceleration for constant within a cycle.
 fn acceleration_density(setup: &Setup, cycles: &[CycleScans]) -> f64 {
     let std_m_s2 = f64::from(setup.config.motion.acceleration_std_m_s2);
-    std_m_s2 * std_m_s2 * usual_period_s(cycles)
+    std_m_s2 * std_m_s2 * usual_period_s(cycles) * std::env::var("T_Q").map_or(1.0, |v| v.parse().unwrap())
 }
 
 /// Median time from cycle to cycle, seconds; the first has no cycle before it.

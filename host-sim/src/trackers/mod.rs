@@ -45,6 +45,9 @@ pub struct ScanPath {
     /// What it truly was reflected by; none for a false path and where the truth is unknown. For [`told`] and the
     /// bounds alone.
     pub source: Option<Source>,
+    /// Whether another true path of at least a tenth of the power lies within a pulse of that true path: its length is then
+    /// less certain than stated. As `source`.
+    pub overlapped: bool,
 }
 
 /// What an anchor delivered in a cycle.

@@ -28,6 +28,8 @@ const LABEL_STD: f64 = 0.15;
 const LABEL_SINR_STD: f64 = 1.5;
 /// Cost of an estimated path without a partner.
 const UNPAIRED: f64 = 0.5 * (0.5 / LABEL_STD) * (0.5 / LABEL_STD);
+/// A path of this share of another one's power shifts it where they overlap.
+const OVERLAP_RATIO: f64 = 0.1;
 /// Largest shift of an anchor's frames that is looked for, metres, and the steps.
 const LARGEST_SHIFT_M: f64 = 1.0;
 const SHIFT_STEPS: i32 = 100;
@@ -115,6 +117,7 @@ fn take_ranges(ranges: &[Range], scan: &mut Scan) {
         std_m: f64::from(range.variance_m2).sqrt(),
         sinr: 0.0,
         source: None,
+        overlapped: false,
     }));
 }
 
@@ -141,6 +144,7 @@ fn take_frame(
             std_m: f64::from(pulse.range_variance_m2(path.sinr)).sqrt(),
             sinr: f64::from(path.sinr),
             source: None,
+            overlapped: false,
         });
     }
 }
@@ -168,7 +172,13 @@ fn label(recording: &Recording, cycles: &mut [CycleScans]) {
             let own: Vec<&TruePath> = truth.iter().filter(|path| path.anchor == scan.anchor).collect();
             let partners = partners(scan, &own, shifts[scan.anchor]);
             for (path, partner) in scan.paths.iter_mut().zip(partners) {
-                path.source = partner.map(|index| own[index].source);
+                let Some(partner) = partner.map(|index| own[index]) else { continue };
+                path.source = Some(partner.source);
+                path.overlapped = own.iter().any(|other| {
+                    other.source != partner.source
+                        && (other.range_m - partner.range_m).abs() < scan.pulse_m
+                        && other.sinr > OVERLAP_RATIO * partner.sinr
+                });
             }
         }
     });

@@ -100,8 +100,11 @@ pub(crate) fn noise(scan: &Scan, index: usize) -> [(f64, f64); 3] {
         let r = 1.44 * path.std_m * path.std_m + 4e-6;
         return [(0.9, r), (0.08, 9.0 * r), (0.02, 1.0 + r)];
     }
-    let r = 1.44 * path.std_m * path.std_m + (0.03 * scan.pulse_m).powi(2) + 25e-6;
-    [(0.75, r), (0.2, r + (0.2 * scan.pulse_m).powi(2)), (0.05, r + 1.0)]
+    let ev = |n: &str, d: f64| std::env::var(n).map_or(d, |v| v.parse().unwrap());
+    let mut r = ev("T_K", 1.44) * path.std_m * path.std_m + (ev("T_FLOOR", 0.03) * scan.pulse_m).powi(2) + 25e-6;
+    if path.overlapped { r += (ev("T_OVER", 0.0) * scan.pulse_m).powi(2); }
+    let w2 = ev("T_W2", 0.2);
+    [(0.95 - w2, r), (w2, r + (0.2 * scan.pulse_m).powi(2)), (0.05, r + 1.0)]
 }
 
 fn measurements(scan: &Scan) -> Vec<Measurement> {
