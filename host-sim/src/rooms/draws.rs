@@ -23,6 +23,7 @@ pub(super) enum Aspect {
     Interference,
     Interferers,
     People,
+    Obstructions,
     Losses,
 }
 

@@ -14,8 +14,8 @@ use crate::geometry::{Wall, distance_m};
 use crate::input_error::InputError;
 use crate::scenario::{
     self, Anchor, Antenna, DenseMultipath, Errors, FORMAT, Fading, FloorPlan, Interference, Library, Log,
-    LostFrames, NamedLibrary, Noise, Part, Pattern, Person, Position, Prior, Profile, Propagation, Radio,
-    RadioKind, Scenario, Strength, Tag,
+    LostFrames, NamedLibrary, Noise, ObstructedPaths, Obstruction, Part, Pattern, Person, Position, Prior,
+    Profile, Propagation, Radio, RadioKind, Scenario, Strength, Tag,
 };
 use draws::{Aspect, Draws, centimetres, rounded};
 use free_space::FreeSpace;
@@ -198,6 +198,8 @@ pub struct Drawn {
     pub start: Start,
     /// What the interferer does.
     pub interference: Disturbance,
+    /// Number of anchors whose direct path is obstructed on a part of the way.
+    pub obstructed: usize,
     /// Number of people.
     pub people: usize,
     /// Probability that a frame is lost.
@@ -264,6 +266,7 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
         Draws::new(seed, Aspect::Interference).weighted(&weighted)
     };
     let people = people(seed, &space);
+    let obstructions = obstructions(seed, &anchors);
     let lost_frames = losses(seed);
     let floor_plan = told_plan(seed, plan, &room);
     // The deviation of an acceleration that is constant during a cycle has the density of the motion.
@@ -301,6 +304,7 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
         plan,
         start,
         interference: disturbance,
+        obstructed: obstructions.len(),
         people: people.len(),
         lost_frames: lost_frames.probability,
     };
@@ -340,7 +344,7 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
             fading: Fading::Correlated,
         },
         interference,
-        obstructions: Vec::new(),
+        obstructions,
         people,
         lost_frames,
         errors: Errors { timestamp_std_s: if is_sounder { 0.0 } else { 0.15e-9 }, ..Errors::default() },
@@ -351,7 +355,7 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
 }
 
 /// Power of a direct path of 1 m over the noise, decibels: from poor to rich.
-const SNR_AT_1_M_DB: [f64; 2] = [34.0, 60.0];
+const SNR_AT_1_M_DB: [f64; 2] = [36.0, 64.0];
 /// Energy of dense multipath over that of a direct path of 1 m, decibels.
 const DENSE_MULTIPATH_DB: [f64; 2] = [-40.0, -18.0];
 
@@ -398,6 +402,10 @@ fn tag(seed: u64) -> Tag {
     Tag { height_m: draws.length_m(0.9, 1.5), antenna: Antenna { pattern, ..Antenna::default() } }
 }
 
+/// Numbers of anchors: half of the rooms have at most two.
+const ANCHOR_COUNTS: [(usize, f64); 8] =
+    [(1, 5.0), (2, 5.0), (3, 3.0), (4, 3.0), (5, 1.0), (6, 1.0), (7, 1.0), (8, 1.0)];
+
 /// 1 to 8 anchors, half of the rooms with at most two, mounted beside walls and away from each other.
 fn anchors(
     seed: u64,
@@ -408,7 +416,7 @@ fn anchors(
     tag_height_m: f64,
 ) -> Vec<Anchor> {
     let mut draws = Draws::new(seed, Aspect::Anchors);
-    let count = if draws.chance(0.5) { draws.count(1, 2) } else { draws.count(3, 8) };
+    let count = draws.weighted(&ANCHOR_COUNTS);
     let pattern = draws.weighted(&[(Pattern::Isotropic, 1.0), (Pattern::Dipole, 1.0), (Pattern::Patch, 1.0)]);
     let ripple = if draws.chance(0.5) { draws.uniform(0.05, 0.3) } else { 0.0 };
     let is_high = draws.chance(0.75);
@@ -494,6 +502,28 @@ fn people(seed: u64, space: &FreeSpace) -> Vec<Person> {
             Person { way_m, speed_m_s: rounded(draws.uniform(0.5, 1.4), 2), width_m: 0.5 }
         })
         .collect()
+}
+
+/// What stands in the way of direct paths and is in no plan: of 15 % of the anchors, on 30 to 70 % of the way.
+fn obstructions(seed: u64, anchors: &[Anchor]) -> Vec<Obstruction> {
+    let mut draws = Draws::new(seed, Aspect::Obstructions);
+    let mut obstructions = Vec::new();
+    for anchor in anchors {
+        let is_obstructed = draws.chance(0.15);
+        let share = draws.uniform(0.3, 0.7);
+        let from = draws.uniform(0.0, 1.0 - share);
+        let loss_db = rounded(draws.uniform(10.0, 30.0), 1);
+        if is_obstructed {
+            obstructions.push(Obstruction {
+                during: Part([rounded(from, 3), rounded(from + share, 3)]),
+                anchors: vec![anchor.name.clone()],
+                paths: ObstructedPaths::Direct,
+                loss_db,
+                excess_m: 0.0,
+            });
+        }
+    }
+    obstructions
 }
 
 fn losses(seed: u64) -> LostFrames {

@@ -33,13 +33,12 @@ impl Motion {
         }
     }
 
-    /// Spectral density of the white acceleration that suits it, m^2/s^3: the squared changes of the velocity per axis and
-    /// second, median over 300 rooms, rounded.
+    /// Spectral density of the white acceleration that is told, m^2/s^3. Of people it is known that they walk, not how:
+    /// 1 m/s^2 during cycles of 0.1 s, as in the built-in scenarios. What a robot does is known: the squared changes of its
+    /// velocity per axis and second, median over 300 rooms.
     pub(super) fn acceleration_density_m2_s3(self) -> f64 {
         match self {
-            Motion::Smooth => 0.13,
-            Motion::Abrupt => 0.7,
-            Motion::StopAndGo => 0.11,
+            Motion::Smooth | Motion::Abrupt | Motion::StopAndGo => 0.1,
             Motion::Robot => 0.035,
         }
     }
