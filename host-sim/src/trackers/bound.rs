@@ -160,7 +160,7 @@ fn all_paths(cycle: &Cycle, pulses: &[Pulse]) -> Vec<Worth> {
 }
 
 /// Variances of the lengths of a frame's paths, square metres: 1 / E_kk.
-fn variances_m2(pulse: &Pulse, delays_s: &[f64], sinrs: &[f64]) -> Vec<f64> {
+pub(crate) fn variances_m2(pulse: &Pulse, delays_s: &[f64], sinrs: &[f64]) -> Vec<f64> {
     let count = delays_s.len();
     let duration_s = f64::from(pulse.duration_s);
     let value = |lag: f64| f64::from(pulse.autocorrelation(lag as f32));

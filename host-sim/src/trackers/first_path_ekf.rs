@@ -22,7 +22,9 @@ pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans], gate: Op
         let begin = Instant::now();
         gaussian.predict(cycle.elapsed_s, map.acceleration_density);
         for scan in &cycle.scans {
-            let Some(first) = scan.paths.iter().min_by(|a, b| a.range_m.total_cmp(&b.range_m)) else { continue };
+            let Some(first) = scan.paths.iter().min_by(|a, b| a.range_m.total_cmp(&b.range_m)) else {
+                continue;
+            };
             let Some(place) = map.place(scan.anchor, Source::Direct, &gaussian.mean) else { continue };
             let rise_m = rise_m(setup, scan.anchor, cycle.tag_height_m);
             update(&map, scan.anchor, &place, rise_m, &mut gaussian, |expected_m, explained_m2| {

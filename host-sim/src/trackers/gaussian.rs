@@ -1,6 +1,6 @@
 //! A joint Gaussian of the state of [`super::map::Map`], in double precision.
 
-use super::map::{CONSTANTS, Map, VELOCITY};
+use super::map::{Map, VELOCITY};
 
 /// Mean, covariance and weight of a Gaussian.
 #[derive(Clone, Debug)]
@@ -161,18 +161,29 @@ impl Gaussian {
         let states = self.states();
         for row in 0..states {
             for column in 0..row {
-                let mean = 0.5
-                    * (self.covariance[row * states + column] + self.covariance[column * states + row]);
+                let mean =
+                    0.5 * (self.covariance[row * states + column] + self.covariance[column * states + row]);
                 self.covariance[row * states + column] = mean;
                 self.covariance[column * states + row] = mean;
             }
         }
     }
 
-    /// Adds a variance to a constant of the state.
-    pub(crate) fn widen(&mut self, constant: usize, variance: f64) {
-        debug_assert!(constant >= CONSTANTS);
+    /// The same with a velocity that is zero with the deviation `std_m_s`, whatever it was, and a position that is less certain
+    /// by `jump_m`.
+    pub(crate) fn turned(&self, std_m_s: f64, jump_m: f64) -> Self {
+        let mut turned = self.clone();
         let states = self.states();
-        self.covariance[constant * (states + 1)] += variance;
+        for axis in 0..2 {
+            let velocity = VELOCITY + axis;
+            turned.mean[velocity] = 0.0;
+            for other in 0..states {
+                turned.covariance[velocity * states + other] = 0.0;
+                turned.covariance[other * states + velocity] = 0.0;
+            }
+            turned.covariance[velocity * (states + 1)] = std_m_s * std_m_s;
+            turned.covariance[axis * (states + 1)] += jump_m * jump_m;
+        }
+        turned
     }
 }

@@ -87,7 +87,7 @@ impl Map {
             .chain([[0.0, f64::from(start.velocity_std_m_s)]; 2])
             .collect();
         let ranging = &setup.config.ranging;
-        let biased = ranging.bias_std_m > 0.0 && std::env::var("T_NOBIAS").is_err();
+        let biased = ranging.bias_std_m > 0.0;
         if biased {
             let bias = [f64::from(ranging.bias_mean_m), f64::from(ranging.bias_std_m)];
             prior.extend(setup.anchors.iter().map(|_| bias));
@@ -165,7 +165,13 @@ impl Map {
     }
 
     /// The slope of the range of a source at `place` over the state, by index.
-    pub(crate) fn slope(&self, anchor: usize, place: &Place, rise_m: f64, state: &[f64]) -> Vec<(usize, f64)> {
+    pub(crate) fn slope(
+        &self,
+        anchor: usize,
+        place: &Place,
+        rise_m: f64,
+        state: &[f64],
+    ) -> Vec<(usize, f64)> {
         let [x, y] = [state[0] - place.position_m[0], state[1] - place.position_m[1]];
         let range_m = (x * x + y * y + rise_m * rise_m).sqrt().max(1e-6);
         let e = [x / range_m, y / range_m];
@@ -178,7 +184,14 @@ impl Map {
     }
 
     /// The range of a source at `place` as the state has it, with the covariance (row by row) for the second order.
-    pub(crate) fn look(&self, anchor: usize, place: &Place, rise_m: f64, state: &[f64], covariance: &[f64]) -> Look {
+    pub(crate) fn look(
+        &self,
+        anchor: usize,
+        place: &Place,
+        rise_m: f64,
+        state: &[f64],
+        covariance: &[f64],
+    ) -> Look {
         let [x, y] = [state[0] - place.position_m[0], state[1] - place.position_m[1]];
         let range_m = (x * x + y * y + rise_m * rise_m).sqrt().max(1e-6);
         let e = [x / range_m, y / range_m];
@@ -232,7 +245,7 @@ pub(crate) enum Wanted {
 /// takes the acceleration for constant within a cycle.
 fn acceleration_density(setup: &Setup, cycles: &[CycleScans]) -> f64 {
     let std_m_s2 = f64::from(setup.config.motion.acceleration_std_m_s2);
-    std_m_s2 * std_m_s2 * usual_period_s(cycles) * std::env::var("T_Q").map_or(1.0, |v| v.parse().unwrap())
+    std_m_s2 * std_m_s2 * usual_period_s(cycles)
 }
 
 /// Median time from cycle to cycle, seconds; the first has no cycle before it.

@@ -20,6 +20,9 @@ pub mod particles;
 pub mod scans;
 pub mod told;
 
+#[cfg(test)]
+mod tests;
+
 pub use scans::scans;
 
 use crate::replay::Setup;

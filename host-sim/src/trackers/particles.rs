@@ -121,8 +121,7 @@ fn start(recording: &Recording, setup: &Setup, count: usize, seed: u64) -> Vec<P
     while particles.len() < count {
         let place = match (wide, outline) {
             (Some([x, y]), Some(outline)) => {
-                let place =
-                    [x, y].map(|[low, high]: [f64; 2]| low + (high - low) * uniform(&mut rng));
+                let place = [x, y].map(|[low, high]: [f64; 2]| low + (high - low) * uniform(&mut rng));
                 if !inside(outline, place) {
                     continue;
                 }
@@ -138,9 +137,8 @@ fn start(recording: &Recording, setup: &Setup, count: usize, seed: u64) -> Vec<P
 /// Whether a point is inside a polygon: a ray to the right meets its sides an odd number of times.
 fn inside(corners: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
     let sides = corners.iter().zip(corners.iter().cycle().skip(1));
-    let met = sides.filter(|([ax, ay], [bx, by])| {
-        (*ay > y) != (*by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax)
-    });
+    let met = sides
+        .filter(|([ax, ay], [bx, by])| (*ay > y) != (*by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax));
     met.count() % 2 == 1
 }
 
