@@ -28,6 +28,8 @@ enum Command {
     /// Check, list and show scenarios.
     #[command(subcommand)]
     Scenario(command::scenario::Action),
+    /// Print what a device is told of a floor plan: walls, anchors, and virtual anchors in order of use.
+    Plan(command::plan::Options),
     /// Make a recording of a scenario.
     Simulate(command::simulate::Options),
     /// Draw a scenario or a cycle of a recording.
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
         None => command::demo::run(&arguments.demo),
         Some(Command::Import(source)) => command::import::run(&source),
         Some(Command::Scenario(action)) => command::scenario::run(&action),
+        Some(Command::Plan(options)) => command::plan::run(&options),
         Some(Command::Simulate(options)) => command::simulate::run(&options),
         Some(Command::Plot(subject)) => command::plot::run(&subject),
         Some(Command::Experiment(experiment)) => command::experiment::run(&experiment),

@@ -4,6 +4,7 @@ pub mod demo;
 pub mod estimate;
 pub mod experiment;
 pub mod import;
+pub mod plan;
 pub mod plot;
 pub mod scenario;
 pub mod simulate;

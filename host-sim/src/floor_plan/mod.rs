@@ -11,6 +11,7 @@
 //! In a recording, what is told comes first, in order of use; then the other images that some position of the way sees.
 
 pub mod along_way;
+pub mod export;
 pub mod sources;
 pub mod usefulness;
 pub mod walls;

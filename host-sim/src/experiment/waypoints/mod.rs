@@ -170,7 +170,7 @@ impl Task {
         let period_s = scenario.trajectories[way].period_s;
         let speed_m_s = if time_s > 0.0 { length_m / time_s } else { 1.0 };
         let mut before = survey.before();
-        before.start.position_m = start_m;
+        (before.start.position_m, before.start.drawn_about_m) = (start_m, Some(start_m));
         let mut first = before.clone();
         first.cycles.push(survey.cycle(0, survey.channel().receiver().first_action));
         let mut setup = Setup::new(&first, Path::new(&scenario.name), Some(seed))?;

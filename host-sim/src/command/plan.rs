@@ -1,0 +1,119 @@
+//! `cogmint plan`: what a device is told of a floor plan.
+
+use super::{print, print_json};
+use crate::Failure;
+use clap::ValueEnum;
+use cogmint::floor_plan::export::Export;
+use cogmint::input_error::InputError;
+use cogmint::recording::Recording;
+use cogmint::scenario::{Scenario, Told};
+use std::path::Path;
+
+#[derive(clap::Args)]
+pub struct Options {
+    /// A scenario file, a built-in scenario's name, or a recording's folder.
+    file: String,
+    /// How it is printed.
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+    /// Draw the walls' errors as a recording of this seed has them; without, the plan is told as it stands.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Print one JSON object.
+    #[arg(long, conflicts_with = "format")]
+    json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// For people.
+    Table,
+    /// As a recording keeps it.
+    Toml,
+    /// Constants for firmware.
+    Rust,
+}
+
+pub fn run(options: &Options) -> Result<(), Failure> {
+    let (export, remark) = find(options)?;
+    if options.json {
+        return print_json(&export);
+    }
+    match options.format {
+        Format::Table => print_table(&export, &remark),
+        Format::Toml => {
+            let text = export.to_toml().map_err(|error| Failure::Work(error.to_string()))?;
+            print(text.trim_end());
+        }
+        Format::Rust => print(export.to_rust().trim_end()),
+    }
+    Ok(())
+}
+
+fn find(options: &Options) -> Result<(Export, &'static str), Failure> {
+    if Path::new(&options.file).is_dir() {
+        if options.seed.is_some() {
+            let reason = "is a recording, whose plan is drawn already";
+            return Err(InputError::new(&options.file, reason).allowed("no --seed, or a scenario").into());
+        }
+        return Ok((Export::of_recording(&Recording::read(&options.file)?), ""));
+    }
+    let (scenario, _) = Scenario::find(&options.file)?;
+    let plan = &scenario.prior.floor_plan;
+    let remark = match (plan.known, plan.told) {
+        (false, _) => "Recordings of this scenario tell nothing of it: prior.floor_plan.known is false.",
+        (true, Told::VirtualAnchors) => {
+            "Recordings of this scenario tell virtual anchors along the way instead, each with an error of its own."
+        }
+        (true, Told::Walls) => "",
+    };
+    Ok((Export::of_scenario(&scenario, options.seed)?, remark))
+}
+
+fn print_table(export: &Export, remark: &str) {
+    let walls = export.plan.as_ref().map_or(0, |plan| plan.walls.len());
+    let count = |number: usize, what: &str| format!("{number} {what}{}", if number == 1 { "" } else { "s" });
+    print(&format!(
+        "{}: {}, {}, {}",
+        export.name,
+        count(walls, "wall"),
+        count(export.anchors.len(), "anchor"),
+        count(export.sources.len(), "source")
+    ));
+    if !remark.is_empty() {
+        print(remark);
+    }
+    print("\nanchor      x_m      y_m  height_m  name");
+    for (index, anchor) in export.anchors.iter().enumerate() {
+        let [x, y] = anchor.position_m;
+        print(&format!("{index:>6} {x:>8.3} {y:>8.3} {:>9.3}  {}", anchor.height_m, anchor.name));
+    }
+    if let Some(plan) = &export.plan {
+        print("\n  wall  offset_std_m  rotation_std_deg  construction, segments_m");
+        for (index, wall) in plan.walls.iter().enumerate() {
+            let segment = |[[a, b], [c, d]]: &[[f64; 2]; 2]| format!("({a:.3}, {b:.3})-({c:.3}, {d:.3})");
+            let segments: Vec<String> = wall.segments_m.iter().map(segment).collect();
+            print(&format!(
+                "{index:>6} {:>13.3} {:>17.2}  {}, {}",
+                wall.offset_std_m,
+                wall.rotation_std_rad.to_degrees(),
+                wall.construction,
+                segments.join(" ")
+            ));
+        }
+    }
+    print("\nsource  anchor    walls      x_m      y_m    std_m  seen_share  usefulness_nat");
+    let figure = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.2}"));
+    for (index, source) in export.sources.iter().enumerate() {
+        let walls: Vec<String> = source.walls.iter().map(|wall| wall.to_string()).collect();
+        let walls = if walls.is_empty() { "-".into() } else { walls.join(" ") };
+        let ([x, y], share, nat) = (source.position_m, source.seen_share, source.usefulness_nat);
+        print(&format!(
+            "{index:>6} {:>7} {walls:>8} {x:>8.3} {y:>8.3} {:>8.3} {:>11} {:>15}",
+            source.anchor,
+            source.std_m,
+            figure(share),
+            figure(nat)
+        ));
+    }
+}
