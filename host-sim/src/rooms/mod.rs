@@ -504,12 +504,12 @@ fn people(seed: u64, space: &FreeSpace) -> Vec<Person> {
         .collect()
 }
 
-/// What stands in the way of direct paths and is in no plan: of 15 % of the anchors, on 30 to 70 % of the way.
+/// What stands in the way of direct paths and is in no plan: of 8 % of the anchors, on 30 to 70 % of the way.
 fn obstructions(seed: u64, anchors: &[Anchor]) -> Vec<Obstruction> {
     let mut draws = Draws::new(seed, Aspect::Obstructions);
     let mut obstructions = Vec::new();
     for anchor in anchors {
-        let is_obstructed = draws.chance(0.15);
+        let is_obstructed = draws.chance(0.08);
         let share = draws.uniform(0.3, 0.7);
         let from = draws.uniform(0.0, 1.0 - share);
         let loss_db = rounded(draws.uniform(10.0, 30.0), 1);
