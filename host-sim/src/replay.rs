@@ -35,6 +35,45 @@ const SHORTEST_STEP_S: f32 = 1e-6;
 /// The core's longest step of time; a longer gap makes it no wiser.
 const LONGEST_GAP_S: f32 = 3600.0;
 
+/// What a recording is tracked with: a variant of the core's tracker, or that tracker without any reflection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrackerVariant {
+    /// A variant of the core.
+    Core(Variant),
+    /// The soft variant of the core, set up by [`Setup::without_reflections`].
+    Direct,
+}
+
+impl TrackerVariant {
+    /// All of them.
+    pub const ALL: [Self; Variant::ALL.len() + 1] = [
+        Self::Core(Variant::Conventional),
+        Self::Core(Variant::Probabilistic),
+        Self::Core(Variant::Soft),
+        Self::Direct,
+    ];
+
+    /// Its name, in one lower-case word.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Core(variant) => variant.name(),
+            Self::Direct => "direct",
+        }
+    }
+}
+
+impl Default for TrackerVariant {
+    fn default() -> Self {
+        Self::Core(Variant::Soft)
+    }
+}
+
+impl From<Variant> for TrackerVariant {
+    fn from(variant: Variant) -> Self {
+        Self::Core(variant)
+    }
+}
+
 /// Everything a tracker is started with.
 #[derive(Clone, Debug)]
 pub struct Setup {
@@ -140,7 +179,15 @@ impl Setup {
     ///
     /// # Errors
     /// The conventional variant needs a floor plan, and the recording in `folder` has none.
-    pub fn with_variant(mut self, variant: Variant, folder: &std::path::Path) -> Result<Self, InputError> {
+    pub fn with_variant(
+        mut self,
+        variant: impl Into<TrackerVariant>,
+        folder: &std::path::Path,
+    ) -> Result<Self, InputError> {
+        let variant = match variant.into() {
+            TrackerVariant::Core(variant) => variant,
+            TrackerVariant::Direct => return Ok(self.without_reflections()),
+        };
         if variant == Variant::Conventional && self.map.is_empty() {
             let reason =
                 "has no known entry, and the conventional variant finds none itself: it needs a floor plan";
@@ -150,11 +197,15 @@ impl Setup {
         Ok(self)
     }
 
-    /// The same set-up for a tracker that knows of no reflection and looks for none.
+    /// The same set-up without any reflection: no virtual anchor is told, and none is discovered. What belongs to no direct
+    /// path is clutter. How much of it there is, the core starts to count at `unmapped_per_anchor` above the false alarms
+    /// and adapts to what it sees; it expects the false alarms anywhere, the rest only behind the direct path, where
+    /// reflections are.
     #[must_use]
     pub fn without_reflections(mut self) -> Self {
-        self.map.clear();
+        self.config = self.config.with_variant(Variant::Soft);
         self.config.discovery = false;
+        self.map.clear();
         self
     }
 
@@ -343,4 +394,46 @@ pub fn step<const A: usize>(
     }
     let seconds = begin.elapsed().as_secs_f64();
     Ok(Step { report: outcome?, hash: tracker.hash(), seconds, refused })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demo;
+    use crate::experiment::tracking::slam_ranges::SlamRanges;
+    use std::path::Path;
+
+    /// Of a run: the most virtual anchors that filter and map held after a cycle, and the count of what nothing explained at
+    /// the end, by anchor.
+    fn most_held(setup: &Setup, recording: &Recording) -> (usize, Vec<f32>) {
+        let mut tracker = setup.tracker::<SMALL_ANCHORS>().expect("it starts");
+        let held = |tracker: &SmallTracker| {
+            let filtered = (0..VAS).filter(|slot| tracker.filter().virtual_anchor(*slot).is_some()).count();
+            filtered.max(tracker.environment().iter().count())
+        };
+        let mut most = held(&tracker);
+        for input in inputs(recording) {
+            step(&mut tracker, &input, &mut ()).expect("it runs");
+            most = most.max(held(&tracker));
+        }
+        (most, tracker.unexplained().to_vec())
+    }
+
+    #[test]
+    fn without_reflections_no_virtual_anchor_is_ever_in_the_filter_and_they_count_as_clutter() {
+        let room = demo::seminar_room(1, 40).expect("it is made");
+        let told = demo::run(&room, true, 1, || {}).expect("it runs").recording;
+        let untold = SlamRanges::default().record(1);
+        for recording in [&told, &untold] {
+            let setup = Setup::new(recording, Path::new("r"), Some(1)).expect("is taken");
+            let (with, _) = most_held(&setup, recording);
+            assert!(with > 0, "{} has reflections to be left out", recording.name);
+            let direct = setup.with_variant(TrackerVariant::Direct, Path::new("r")).expect("needs no plan");
+            let (without, unexplained) = most_held(&direct, recording);
+            assert_eq!(without, 0, "{}", recording.name);
+            // Each anchor delivers more than false alarms, of which the recordings have one a scan at most.
+            let clutter = direct.config.association.clutter_per_anchor;
+            assert!(unexplained.iter().all(|count| *count > 1.5 * clutter), "{unexplained:?}");
+        }
+    }
 }

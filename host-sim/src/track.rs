@@ -1,9 +1,10 @@
 //! A recording through the core, from end to end: the run, its score and its picture.
 
+use crate::estimate_table::Estimate;
 use crate::input_error::InputError;
 use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, TrackFigure};
-use crate::recording::Recording;
-use crate::replay::{LARGE_ANCHORS, SMALL_ANCHORS, Setup, Step, inputs, step};
+use crate::recording::{Cycle, Recording};
+use crate::replay::{CycleInput, LARGE_ANCHORS, SMALL_ANCHORS, Setup, Step, inputs, step};
 use crate::score::Score;
 use crate::score::consistency::{Consistency, Innovations};
 use crate::score::map::{self, MapScore};
@@ -30,6 +31,8 @@ pub struct MappedVirtualAnchor {
 pub struct Track {
     /// Every cycle.
     pub steps: Vec<Step>,
+    /// What the tracker believed after every cycle.
+    pub estimates: Vec<Estimate>,
     /// Position errors of the cycles whose truth is known, metres, with the cycle.
     pub errors_m: Vec<(usize, f64)>,
     /// The score of the position.
@@ -94,18 +97,20 @@ fn run<const A: usize>(
 ) -> Result<Track, InputError> {
     let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
     let mut steps = Vec::new();
+    let mut estimates = Vec::new();
     let mut errors_m = Vec::new();
     let mut claimed = Vec::new();
     let mut innovations = Innovations::default();
     for (index, (cycle, input)) in recording.cycles.iter().zip(inputs(recording)).enumerate() {
         let step = step(&mut tracker, &input, &mut innovations)
             .map_err(|error| InputError::new(file, format!("cycle {index}: {error}")))?;
+        let estimate = estimate(cycle, &input, &step, tracker.filter().velocity_m_s());
         if let Some([x, y]) = cycle.truth_position_m {
-            let [u, v] = step.report.position_m.map(f64::from);
-            let c = &step.report.position_covariance_m2;
-            errors_m.push((index, (x - u).hypot(y - v)));
-            claimed.push(([u - x, v - y], [c.m11, c.m21, c.m22].map(f64::from)));
+            let [u, v] = estimate.position_m;
+            errors_m.push((index, estimate.error_m([x, y])));
+            claimed.push(([u - x, v - y], estimate.covariance_m2));
         }
+        estimates.push(estimate);
         steps.push(step);
         on_cycle();
     }
@@ -145,6 +150,7 @@ fn run<const A: usize>(
         losses,
         map_full,
         steps,
+        estimates,
         errors_m,
         score,
         map,
@@ -155,6 +161,25 @@ fn run<const A: usize>(
         refused,
         first_refusal,
     })
+}
+
+/// What is believed after a cycle. While the tag is searched for, the filter's velocity is the mean of those of all places,
+/// whose deviation no column tells: it is not known then. The core gives no probability of a place that it has settled on.
+fn estimate(cycle: &Cycle, input: &CycleInput<'_>, step: &Step, velocity_m_s: [f32; 2]) -> Estimate {
+    let report = &step.report;
+    let c = &report.position_covariance_m2;
+    let framed = step.refused.is_none() && !cycle.frames.is_empty();
+    Estimate {
+        position_m: report.position_m.map(f64::from),
+        velocity_m_s: (!report.acquiring).then(|| velocity_m_s.map(f64::from)),
+        covariance_m2: [c.m11, c.m21, c.m22].map(f64::from),
+        searching: report.acquiring,
+        probability: None,
+        action: framed.then_some(report.action),
+        entropy_nat: Some(f64::from(report.entropy_nat)),
+        // What the tracker was told, without the rounding to its precision.
+        height_m: input.tag_height_m.and(cycle.tag_height_m),
+    }
 }
 
 impl Track {

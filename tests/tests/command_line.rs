@@ -146,6 +146,149 @@ fn variants_are_selected_by_name_and_named_in_the_answer() {
     refused(&experiment(&["--only", "known-plan,slam"]), &["conventional", "floor plan", "slam"]);
 }
 
+/// The names in a folder, in order.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
+    let mut names: Vec<String> = entries.map(|name| name.to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// The numbers of a column of a table; `None` where a cell is empty.
+fn column(table: &str, name: &str) -> Vec<Option<f64>> {
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let index = lines.next().unwrap().iter().position(|column| *column == name).unwrap();
+    lines.map(|cells| (!cells[index].is_empty()).then(|| cells[index].parse().unwrap())).collect()
+}
+
+#[test]
+fn a_table_has_a_row_a_cycle_and_the_error_that_is_printed() {
+    let folder = Folder::new("table");
+    let room = cogmint::demo::seminar_room(1, 40).unwrap();
+    let mut recording = cogmint::demo::run(&room, true, 1, || {}).unwrap().recording;
+    recording.cycles[20].frames.clear();
+    recording.write(folder.path().join("r")).unwrap();
+    let track = |more: &[&str]| cogmint(folder.path(), &[&["track", "r", "--seed", "3"], more].concat());
+    let outcome = json(&track(&["--json", "--no-figure", "--table", "new/track.csv"]));
+    assert!(outcome["figure"].is_null() && outcome["table"] == "new/track.csv", "{outcome}");
+    assert_eq!(names(folder.path()), ["new", "r"], "no figure is written");
+    assert_eq!(names(&folder.path().join("new")), ["track.csv"]);
+
+    let table = fs::read_to_string(folder.path().join("new/track.csv")).unwrap();
+    let numbers = |name: &str| column(&table, name);
+    let all = |name: &str| numbers(name).into_iter().map(Option::unwrap).collect::<Vec<_>>();
+    assert_eq!(all("cycle"), (0..40).map(f64::from).collect::<Vec<_>>());
+    let errors = all("error_m");
+    let rmse = (errors.iter().map(|error| error * error).sum::<f64>() / 40.0).sqrt();
+    assert!((rmse - outcome["rmse_m"].as_f64().unwrap()).abs() < 1e-12 * rmse, "{rmse} in {outcome}");
+    let searching = all("searching").iter().filter(|searching| **searching == 1.0).count();
+    assert_eq!(outcome["cycles_acquiring"], searching);
+    assert!((1..40).contains(&searching), "{searching}: the start is to be searched, then found");
+    for (cycle, row) in recording.cycles.iter().enumerate() {
+        assert_eq!(all("time_s")[cycle], row.time_s);
+        let [x, y] = row.truth_position_m.unwrap();
+        assert_eq!((all("true_x_m")[cycle], all("true_y_m")[cycle]), (x, y));
+        let distance = (all("x_m")[cycle] - x).hypot(all("y_m")[cycle] - y);
+        assert!((errors[cycle] - distance).abs() < 1e-12, "cycle {cycle}");
+        assert_eq!(numbers("height_m")[cycle], row.tag_height_m);
+        let action = row.frames.iter().min_by_key(|frame| frame.anchor).map(|frame| frame.action as f64);
+        assert_eq!(numbers("action")[cycle], action, "cycle {cycle}");
+        let is_searching = all("searching")[cycle] == 1.0;
+        assert_eq!(numbers("vx_m_s")[cycle].is_none(), is_searching, "cycle {cycle}");
+        // Entropy of a Gaussian in two dimensions: ln (2 pi e sqrt |C|).
+        let (xx, xy, yy) = (all("cxx_m2")[cycle], all("cxy_m2")[cycle], all("cyy_m2")[cycle]);
+        let entropy = (std::f64::consts::TAU * std::f64::consts::E * (xx * yy - xy * xy).sqrt()).ln();
+        assert!((all("entropy_nat")[cycle] - entropy).abs() < 1e-2, "{entropy} in cycle {cycle}");
+    }
+    assert!(numbers("probability").iter().all(Option::is_none));
+
+    let printed = text(&track(&["--no-figure", "--table", "track.NPZ"]).stdout);
+    assert!(printed.contains("Table: track.NPZ") && !printed.contains("Figure"), "{printed}");
+    assert!(fs::read(folder.path().join("track.NPZ")).unwrap().starts_with(b"PK"));
+}
+
+#[test]
+fn what_cannot_be_written_as_a_table_is_refused_and_nothing_is_overwritten() {
+    let folder = Folder::new("table-refused");
+    let place = folder.path();
+    small_recording(&place.join("r"));
+    let track = |more: &[&str]| cogmint(place, &[&["track"], more].concat());
+    for old in ["t.csv", "t.txt", "p.svg", "p.png"] {
+        fs::write(place.join(old), "old").unwrap();
+    }
+    let arrays = fs::read(place.join("r/recording.npz")).unwrap();
+
+    refused(&track(&["r", "--table", "t.txt"]), &["t.txt", ".csv or .npz"]);
+    refused(&track(&["r", "--table", "r/recording.npz"]), &["r/recording.npz", "part of a recording"]);
+    refused(&track(&["r", "--no-figure", "--plot", "p"]), &["--no-figure", "--plot"]);
+    refused(&track(&["r", "--table", "t.csv", "--variant", "guess"]), &["guess", "direct"]);
+    refused(&track(&["nowhere", "--table", "t.csv", "--plot", "p"]), &["nowhere"]);
+    refused(&cogmint(place, &["estimate", "r", "--csv", "r/recording.toml"]), &["part of a recording"]);
+    let feed = ["trace", "--recording", "r", "--feed", "r/recording.npz"];
+    refused(&cogmint(place, &feed), &["part of a recording"]);
+    fs::write(place.join("r/recording.npz"), &arrays[..arrays.len() / 2]).unwrap();
+    refused(&track(&["r", "--table", "t.csv", "--plot", "p"]), &["recording.npz"]);
+    fs::write(place.join("r/recording.npz"), &arrays).unwrap();
+
+    // What the disk refuses is no mistake of the input; it is noticed before the run.
+    fs::create_dir(place.join("folder.csv")).unwrap();
+    for (to, reason) in [("t.csv/below.csv", "cannot be written"), ("folder.csv", "is a folder")] {
+        let output = track(&["r", "--table", to]);
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+        let said = text(&output.stderr);
+        assert!(said.contains(to) && said.contains(reason), "{said}");
+        assert!(output.stdout.is_empty());
+    }
+    for old in ["t.csv", "t.txt", "p.svg", "p.png"] {
+        assert_eq!(fs::read_to_string(place.join(old)).unwrap(), "old", "{old}");
+    }
+    assert_eq!(names(place), ["folder.csv", "p.png", "p.svg", "r", "t.csv", "t.txt"]);
+    assert_eq!(names(&place.join("r")), ["recording.npz", "recording.toml"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_folder_that_is_read_only_is_named_and_its_files_stay() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::new("read-only");
+    small_recording(&folder.path().join("r"));
+    let closed = folder.path().join("closed");
+    fs::create_dir(&closed).unwrap();
+    fs::write(closed.join("t.csv"), "old").unwrap();
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o555)).unwrap();
+    // The superuser writes anywhere but into what the kernel itself presents.
+    let is_superuser = fs::write(closed.join("probe"), "").is_ok();
+    let folders: &[&str] = if is_superuser { &["/proc"] } else { &["/proc", "closed"] };
+    for into in folders {
+        for option in ["--table", "--plot"] {
+            let to = format!("{into}/t.csv");
+            let output = cogmint(folder.path(), &["track", "r", option, &to]);
+            assert_eq!(output.status.code(), Some(1), "{option} {to}: {}", text(&output.stderr));
+            assert!(text(&output.stderr).contains(&to), "{}", text(&output.stderr));
+        }
+    }
+    assert_eq!(fs::read_to_string(closed.join("t.csv")).unwrap(), "old");
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o755)).unwrap();
+    assert_eq!(names(&closed).len(), if is_superuser { 2 } else { 1 });
+}
+
+#[test]
+fn the_direct_variant_needs_no_plan_and_finds_no_virtual_anchor() {
+    let folder = Folder::new("direct");
+    small_recording(&folder.path().join("r"));
+    let outcome = json(&cogmint(folder.path(), &["track", "r", "--variant", "direct", "--json"]));
+    assert_eq!((&outcome["variant"], &outcome["virtual_anchors"]["found"]), (&"direct".into(), &0.into()));
+    assert_eq!(outcome["refused_cycles"], 0);
+    let arguments =
+        ["experiment", "tracking", "--runs", "1", "--variant", "direct", "--only", "slam", "--json"];
+    let row = &json(&cogmint(folder.path(), &arguments))["scenarios"][0];
+    assert_eq!((&row["variant"], row["virtual_anchors_found"].as_f64()), (&"direct".into(), Some(0.0)));
+    refused(
+        &cogmint(folder.path(), &["experiment", "controllers", "--variant", "direct"]),
+        &["direct", "conventional", "soft"],
+    );
+}
+
 #[test]
 fn the_conventional_variant_is_refused_where_there_is_no_floor_plan() {
     let folder = Folder::new("variants-without-plan");

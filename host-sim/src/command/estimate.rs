@@ -1,6 +1,6 @@
 //! `cogmint estimate`: the frames of recordings through the channel estimator.
 
-use super::{OUTPUT_FOLDER, metres, print, print_json, progress, write_picture};
+use super::{OUTPUT_FOLDER, check_writable, metres, print, print_json, progress, write_picture};
 use crate::Failure;
 use clap::builder::RangedU64ValueParser;
 use cogmint::estimate::link::{Link, links};
@@ -10,6 +10,7 @@ use cogmint::estimate::{EstimatedFrame, count, estimate};
 use cogmint::input_error::InputError;
 use cogmint::recording::{META_FILE, Recording};
 use cogmint::view;
+use cogmint::whole_file;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -75,6 +76,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         cycles: options.cycles.unwrap_or(usize::MAX),
         anchor: options.anchor,
     };
+    options.csv.as_deref().map(check_writable).transpose()?;
     let mut estimated: Vec<Estimated> = Vec::with_capacity(folders.len());
     let mut picture = None;
     for folder in folders {
@@ -94,7 +96,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         options.plot.clone().unwrap_or_else(|| Path::new(OUTPUT_FOLDER).join(format!("{stem}-estimate")));
     let figure = write_picture(&picture.unwrap_or_default(), &to)?;
     if let Some(to) = &options.csv {
-        write_csv(to, &estimated).map_err(|error| Failure::Work(format!("{}: {error}", to.display())))?;
+        whole_file::write(to, |file| write_csv(file, &estimated))?;
     }
     let all_links: Vec<&Link> = estimated.iter().flat_map(|recording| &recording.links).collect();
     let summaries = summaries(&all_links);
@@ -300,8 +302,7 @@ fn print_summary(summary: &Summary) {
     }
 }
 
-fn write_csv(to: &Path, estimated: &[Estimated]) -> std::io::Result<()> {
-    let mut file = std::io::BufWriter::new(std::fs::File::create(to)?);
+fn write_csv(file: &mut dyn Write, estimated: &[Estimated]) -> std::io::Result<()> {
     writeln!(
         file,
         "recording,cycle,anchor,first_path_range_m,delay_s,range_m,delay_std_s,real,imaginary,sinr_db"
@@ -328,5 +329,5 @@ fn write_csv(to: &Path, estimated: &[Estimated]) -> std::io::Result<()> {
             }
         }
     }
-    file.flush()
+    Ok(())
 }

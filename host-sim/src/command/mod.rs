@@ -14,8 +14,11 @@ pub mod verify;
 
 use crate::Failure;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use cogmint::input_error::InputError;
 use cogmint::plot::Picture;
 use cogmint::recording::Recording;
+use cogmint::replay::TrackerVariant;
+use cogmint::whole_file;
 use cogmint_core::Variant;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
@@ -25,19 +28,33 @@ use std::path::{Path, PathBuf};
 /// Where figures go unless told otherwise.
 const OUTPUT_FOLDER: &str = "cogmint-out";
 
-/// Parses the name of a variant of the tracker; the help lists the names.
-fn variants() -> impl TypedValueParser<Value = Variant> {
-    let named = Variant::ALL.map(|variant| {
+/// The variants of the core's tracker by name, with what the help says of them.
+fn named_variants() -> [PossibleValue; Variant::ALL.len()] {
+    Variant::ALL.map(|variant| {
         let summary = match variant {
             Variant::Conventional => "virtual anchors exactly where the floor plan has them, held fixed, none discovered; MAP association",
             Variant::Probabilistic => "virtual anchors as random variables, also discovered; MAP association",
             Variant::Soft => "the same, with every association weighted by its probability",
         };
         PossibleValue::new(variant.name()).help(summary)
-    });
+    })
+}
+
+/// Parses the name of a variant of the core's tracker; the help lists the names.
+fn variants() -> impl TypedValueParser<Value = Variant> {
     // The parser before lets no other name pass.
-    PossibleValuesParser::new(named)
+    PossibleValuesParser::new(named_variants())
         .map(|name| Variant::ALL.into_iter().find(|variant| variant.name() == name).unwrap_or(Variant::Soft))
+}
+
+/// The same, and the tracker without any reflection, where that is to be compared.
+fn tracker_variants() -> impl TypedValueParser<Value = TrackerVariant> {
+    let direct = PossibleValue::new(TrackerVariant::Direct.name())
+        .help("no virtual anchor known or discovered: every reflection is clutter");
+    let named = named_variants().into_iter().chain([direct]);
+    PossibleValuesParser::new(named).map(|name| {
+        TrackerVariant::ALL.into_iter().find(|variant| variant.name() == name).unwrap_or_default()
+    })
 }
 
 /// A progress bar over cycles on the terminal; silent where there is none.
@@ -78,11 +95,15 @@ fn print_json(value: &impl Serialize) -> Result<(), Failure> {
 
 /// Writes a picture as SVG and PNG, making the folder first; `to` has no extension.
 fn write_picture(picture: &Picture, to: &Path) -> Result<[PathBuf; 2], Failure> {
-    let failed = |error: std::io::Error| Failure::Work(format!("{}: {error}", to.display()));
-    if let Some(folder) = to.parent() {
-        std::fs::create_dir_all(folder).map_err(failed)?;
+    Ok(picture.write(to)?)
+}
+
+/// Refuses, before the work, a file to write that cannot be written, or that a recording would be broken by.
+fn check_writable(to: &Path) -> Result<(), Failure> {
+    if Recording::is_part_of_one(to) {
+        return Err(InputError::new(to, "is part of a recording, which it would overwrite").into());
     }
-    picture.write(to).map_err(failed)
+    Ok(whole_file::check(to)?)
 }
 
 /// The recording of a folder, or of the built-in seminar room where none is given, with the name to speak of it.

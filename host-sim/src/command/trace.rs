@@ -1,9 +1,10 @@
 //! `cogmint trace`: the golden trace of a recording, and its feed for the target.
 
-use super::{print, print_json, recording_or_room};
+use super::{check_writable, print, print_json, recording_or_room};
 use crate::Failure;
 use cogmint::replay::Setup;
 use cogmint::trace::{feed, trace};
+use cogmint::whole_file;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -35,12 +36,13 @@ struct Outcome {
 pub fn run(options: &Options) -> Result<(), Failure> {
     let cycles = options.cycles as usize;
     let (mut recording, file) = recording_or_room(options.recording.as_deref(), options.seed, cycles)?;
+    options.feed.as_deref().map(check_writable).transpose()?;
     recording.cycles.truncate(cycles);
     let setup = Setup::new(&recording, &file, Some(options.seed))?;
     let steps = trace(&setup, &recording, &file)?;
     if let Some(to) = &options.feed {
         let bytes = feed(&setup, &recording, &file)?;
-        std::fs::write(to, bytes).map_err(|error| Failure::Work(format!("{}: {error}", to.display())))?;
+        whole_file::write_all(&[(to, &bytes)])?;
     }
     let hashes: Vec<String> = steps.iter().map(|step| format!("{:016x}", step.hash)).collect();
     if options.json {

@@ -1,14 +1,16 @@
 //! `cogmint track`: a recording through the core.
 
-use super::{OUTPUT_FOLDER, metres, print, print_json, progress, variants, write_picture};
+use super::{
+    OUTPUT_FOLDER, check_writable, metres, print, print_json, progress, tracker_variants, write_picture,
+};
 use crate::Failure;
+use cogmint::estimate_table::{self, Format};
 use cogmint::recording::Recording;
-use cogmint::replay::{PATHS, Setup};
+use cogmint::replay::{PATHS, Setup, TrackerVariant};
 use cogmint::score::Score;
 use cogmint::score::consistency::Consistency;
 use cogmint::score::map::MapScore;
 use cogmint::track::{MappedVirtualAnchor, track_setup};
-use cogmint_core::Variant;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -20,11 +22,17 @@ pub struct Options {
     #[arg(long)]
     seed: Option<u64>,
     /// Variant of the tracker, for comparison.
-    #[arg(long, value_name = "NAME", default_value = "soft", value_parser = variants())]
-    variant: Variant,
+    #[arg(long, value_name = "NAME", default_value = "soft", value_parser = tracker_variants())]
+    variant: TrackerVariant,
+    /// Write the estimate of every cycle as a table, CSV or NPZ by the extension (docs/estimate-table.md).
+    #[arg(long, value_name = "FILE")]
+    table: Option<PathBuf>,
     /// Where the figure goes, without extension.
     #[arg(long, value_name = "PATH")]
     plot: Option<PathBuf>,
+    /// Draw and write no figure.
+    #[arg(long, conflicts_with = "plot")]
+    no_figure: bool,
     /// Print one JSON object instead of a table.
     #[arg(long)]
     json: bool,
@@ -47,20 +55,27 @@ struct Outcome<'a> {
     first_refusal: &'a Option<String>,
     virtual_anchors_found: &'a [MappedVirtualAnchor],
     range_bias_m: &'a [[f64; 2]],
-    figure: [PathBuf; 2],
+    figure: &'a Option<[PathBuf; 2]>,
+    table: &'a Option<PathBuf>,
 }
 
 pub fn run(options: &Options) -> Result<(), Failure> {
     let folder = &options.folder;
     let recording = Recording::read(folder)?;
+    let format = options.table.as_deref().map(Format::of).transpose()?;
     let setup = Setup::new(&recording, folder, options.seed)?.with_variant(options.variant, folder)?;
+    options.table.as_deref().map(check_writable).transpose()?;
     let bar = progress(recording.cycles.len(), "tracking");
     let run = track_setup(&setup, &recording, folder, || bar.inc(1))?;
     bar.finish_and_clear();
-    let name =
-        folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
-    let to = options.plot.clone().unwrap_or_else(|| Path::new(OUTPUT_FOLDER).join(format!("{name}-track")));
-    let figure = write_picture(&run.picture(&recording), &to)?;
+    if let Some((to, format)) = options.table.as_ref().zip(format) {
+        estimate_table::write(&recording, &run.estimates, format, to)?;
+    }
+    let figure = if options.no_figure {
+        None
+    } else {
+        Some(write_picture(&run.picture(&recording), &figure_place(options))?)
+    };
     let score = &run.score;
     if options.json {
         return print_json(&Outcome {
@@ -77,7 +92,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             first_refusal: &run.first_refusal,
             virtual_anchors_found: &run.virtual_anchors,
             range_bias_m: &run.bias_m,
-            figure,
+            figure: &figure,
+            table: &options.table,
         });
     }
     let (cycles, anchors) = (score.cycles, recording.anchors.len());
@@ -131,8 +147,20 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     if let Some(reason) = &run.first_refusal {
         print(&format!("{} cycles refused, the first because {reason}", run.refused));
     }
-    print(&format!("\nFigure: {}", figure[1].display()));
+    if let Some([_, png]) = &figure {
+        print(&format!("\nFigure: {}", png.display()));
+    }
+    if let Some(to) = &options.table {
+        print(&format!("{}Table: {}", if figure.is_none() { "\n" } else { "" }, to.display()));
+    }
     Ok(())
+}
+
+/// Where the figure goes, without extension.
+fn figure_place(options: &Options) -> PathBuf {
+    let name = options.folder.file_name();
+    let name = name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
+    options.plot.clone().unwrap_or_else(|| Path::new(OUTPUT_FOLDER).join(format!("{name}-track")))
 }
 
 fn print_consistency(consistency: &Consistency) {

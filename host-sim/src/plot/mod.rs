@@ -16,13 +16,14 @@ mod room;
 mod svg;
 mod track;
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use resvg::tiny_skia::{Color, Pixmap, Transform};
 use resvg::usvg;
+
+use crate::whole_file;
 
 pub use blocks::{Block, BlockFigure};
 pub use channel::{ChannelFigure, ChannelPath};
@@ -167,18 +168,17 @@ impl Picture {
         svg.finish()
     }
 
-    /// Writes `PATH.svg` and `PATH.png` and gives their paths. Both are rendered before either is written.
+    /// Writes `PATH.svg` and `PATH.png` and gives their paths. Both are rendered before either is written, and neither
+    /// takes the place of an older figure before both are complete ([`crate::whole_file`]).
     ///
     /// # Errors
     ///
     /// The picture is too large to be drawn, or the disk refuses.
     pub fn write(&self, path_without_extension: impl AsRef<Path>) -> io::Result<[PathBuf; 2]> {
         let svg = self.svg();
-        let png = png_of(&svg)?;
         let base = path_without_extension.as_ref();
-        if let Some(parent) = base.parent() {
-            fs::create_dir_all(parent)?;
-        }
+        let png = png_of(&svg)
+            .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", base.display())))?;
         // Appended, not replaced: a name may have dots of its own.
         let with = |extension: &str| {
             let mut name = base.as_os_str().to_owned();
@@ -186,8 +186,7 @@ impl Picture {
             PathBuf::from(name)
         };
         let paths = [with(".svg"), with(".png")];
-        fs::write(&paths[0], svg)?;
-        fs::write(&paths[1], png)?;
+        whole_file::write_all(&[(&paths[0], svg.as_bytes()), (&paths[1], &png)])?;
         Ok(paths)
     }
 }
@@ -220,6 +219,7 @@ fn png_of(svg: &str) -> io::Result<Vec<u8>> {
 mod tests {
     use super::*;
     use crate::recording::tests::Folder;
+    use std::fs;
 
     #[test]
     fn a_picture_is_written_as_svg_and_png() {

@@ -13,6 +13,7 @@ use super::{
     Radio, Recording, Samples, Start, TruthPath, VirtualAnchor,
 };
 use crate::input_error::{InputError, in_one_line};
+use crate::whole_file;
 
 /// The keys of `recording.toml`, in the order in which they are written.
 #[derive(Serialize)]
@@ -79,6 +80,13 @@ impl Recording {
     pub fn may_replace(dir: impl AsRef<Path>) -> Result<(), InputError> {
         let dir = dir.as_ref();
         refuse_other_contents(dir, &fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned()))
+    }
+
+    /// Whether `file` is one of the two files of a recording that is there: no other file may take its place.
+    pub fn is_part_of_one(file: impl AsRef<Path>) -> bool {
+        let file = fs::canonicalize(&file).unwrap_or_else(|_| file.as_ref().to_owned());
+        let is_named = file.file_name().is_some_and(|name| name == META_FILE || name == ARRAYS_FILE);
+        is_named && file.with_file_name(META_FILE).is_file()
     }
 
     fn write_files(&self, dir: &Path) -> io::Result<()> {
@@ -257,15 +265,7 @@ struct TemporaryFolder(PathBuf);
 
 impl TemporaryFolder {
     fn beside(parent: &Path, prefix: &str) -> io::Result<Self> {
-        let mut count = 0;
-        loop {
-            let path = parent.join(format!("{prefix}-{}-{count}", std::process::id()));
-            match fs::create_dir(&path) {
-                Ok(()) => return Ok(Self(path)),
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists && count < 1000 => count += 1,
-                Err(error) => return Err(error),
-            }
-        }
+        whole_file::fresh(parent, prefix, |path| fs::create_dir(path)).map(|(path, ())| Self(path))
     }
 }
 

@@ -1,6 +1,6 @@
 //! `cogmint experiment tracking`: the whole tracker over named scenarios, or over a recording from many starts.
 
-use super::super::{metres, progress_of, variants};
+use super::super::{metres, progress_of, tracker_variants};
 use super::{percent, print, print_json};
 use crate::Failure;
 use clap::builder::{PossibleValue, PossibleValuesParser};
@@ -9,6 +9,7 @@ use cogmint::experiment::tracking::target::{TARGETS, Verdict};
 use cogmint::experiment::tracking::{cases, run_recording};
 use cogmint::input_error::InputError;
 use cogmint::recording::Recording;
+use cogmint::replay::TrackerVariant;
 use cogmint_core::Variant;
 use std::path::PathBuf;
 
@@ -30,8 +31,8 @@ pub struct Options {
     #[arg(long, requires = "recording", conflicts_with = "runs", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     starts: Option<u32>,
     /// Variants of the tracker to compare, separated by commas; conventional needs scenarios with a floor plan.
-    #[arg(long, value_delimiter = ',', value_name = "NAME", default_value = "soft", value_parser = variants())]
-    variant: Vec<Variant>,
+    #[arg(long, value_delimiter = ',', value_name = "NAME", default_value = "soft", value_parser = tracker_variants())]
+    variant: Vec<TrackerVariant>,
     /// Print one JSON object instead of tables.
     #[arg(long)]
     json: bool,
@@ -70,7 +71,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             let cases: Vec<_> = cases().into_iter().filter(|case| asked(case.name)).collect();
             let without: Vec<_> =
                 cases.iter().filter(|case| !case.has_floor_plan()).map(|case| case.name).collect();
-            if variants.contains(&Variant::Conventional) && !without.is_empty() {
+            if variants.contains(&Variant::Conventional.into()) && !without.is_empty() {
                 let without = without.join(", ");
                 let reason =
                     format!("needs a floor plan; name scenarios with --only that have one, not {without}");

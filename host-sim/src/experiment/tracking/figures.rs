@@ -1,9 +1,9 @@
 //! What many runs of one scenario come to.
 
+use crate::replay::TrackerVariant;
 use crate::score::Score;
 use crate::score::consistency::Consistency;
 use crate::score::map::MapScore;
-use cogmint_core::Variant;
 use serde::Serialize;
 
 /// What one run came to.
@@ -78,7 +78,7 @@ pub struct Figures {
 
 impl Figures {
     /// Sums up the runs of a variant through a scenario.
-    pub fn new(scenario: &str, variant: Variant, outcomes: &[Outcome]) -> Self {
+    pub fn new(scenario: &str, variant: TrackerVariant, outcomes: &[Outcome]) -> Self {
         let each = |figure: fn(&Outcome) -> Option<f64>| -> Vec<f64> {
             let mut values: Vec<f64> = outcomes.iter().filter_map(figure).collect();
             values.sort_by(f64::total_cmp);
@@ -153,7 +153,7 @@ mod tests {
             outcome(6, &[2.0, 2.0], 0.03),
             outcome(7, &[0.1, 0.1], 0.03),
         ];
-        let figures = Figures::new("any", Variant::Soft, &runs);
+        let figures = Figures::new("any", TrackerVariant::default(), &runs);
         let near = |value: Option<f64>, expected: f64| {
             assert!(value.is_some_and(|value| (value - expected).abs() < 1e-12), "{value:?}, not {expected}");
         };
@@ -167,6 +167,6 @@ mod tests {
         near(figures.posterior_crlb_m, 0.1);
         near(Some(figures.us_per_cycle), 5.5);
         assert_eq!((figures.runs, figures.refused_cycles, figures.ospa_m), (4, 4, None));
-        assert_eq!(Figures::new("none", Variant::Soft, &[]).rmse_median_m, None);
+        assert_eq!(Figures::new("none", TrackerVariant::default(), &[]).rmse_median_m, None);
     }
 }

@@ -10,9 +10,8 @@ pub mod target;
 
 use crate::input_error::InputError;
 use crate::recording::Recording;
-use crate::replay::Setup;
+use crate::replay::{Setup, TrackerVariant};
 use crate::track::{Track, track_setup};
-use cogmint_core::Variant;
 use figures::{Figures, Outcome};
 use rayon::prelude::*;
 use seminar_room::{Plan, SeminarRoom, against_bound};
@@ -138,7 +137,7 @@ impl Case {
     /// The variant needs a floor plan and the case has none. Else the core refuses a recording, which would be a defect.
     pub fn run(
         &self,
-        variant: Variant,
+        variant: TrackerVariant,
         seeds: &[u64],
         on_run: impl Fn() + Sync,
     ) -> Result<Figures, InputError> {
@@ -151,7 +150,7 @@ impl Case {
     }
 
     /// Runs it with one seed.
-    fn run_once(&self, variant: Variant, seed: u64) -> Result<Outcome, InputError> {
+    fn run_once(&self, variant: TrackerVariant, seed: u64) -> Result<Outcome, InputError> {
         let file = Path::new(self.name);
         match &self.made {
             Made::Ranges(ranges) => {
@@ -176,7 +175,7 @@ impl Case {
 pub fn run_recording(
     recording: &Recording,
     folder: &Path,
-    variant: Variant,
+    variant: TrackerVariant,
     seeds: &[u64],
     on_run: impl Fn() + Sync,
 ) -> Result<Figures, InputError> {
@@ -188,7 +187,12 @@ pub fn run_recording(
     Ok(Figures::new(&recording.name, variant, &outcomes.collect::<Result<Vec<_>, InputError>>()?))
 }
 
-fn run_variant(recording: &Recording, file: &Path, variant: Variant, seed: u64) -> Result<Track, InputError> {
+fn run_variant(
+    recording: &Recording,
+    file: &Path,
+    variant: TrackerVariant,
+    seed: u64,
+) -> Result<Track, InputError> {
     let setup = Setup::new(recording, file, Some(seed))?.with_variant(variant, file)?;
     track_setup(&setup, recording, file, || {})
 }
@@ -225,7 +229,8 @@ mod tests {
         let case = &cases()[0];
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
-            let figures = pool.install(|| case.run(Variant::Soft, &[1, 2, 3], || {})).expect("it runs");
+            let figures =
+                pool.install(|| case.run(TrackerVariant::default(), &[1, 2, 3], || {})).expect("it runs");
             Figures { us_per_cycle: 0.0, ..figures }
         };
         let alone = run(1);

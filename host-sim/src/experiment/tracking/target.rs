@@ -99,7 +99,7 @@ mod tests {
             assert!(target.must[0] <= target.aim[0] && target.aim[1] <= target.must[1], "{}", target.figure);
         }
         let nees = honest("slam");
-        let none = Figures::new("slam", cogmint_core::Variant::Soft, &[]);
+        let none = Figures::new("slam", crate::replay::TrackerVariant::default(), &[]);
         let verdict = |nees_value| nees.verdict(&Figures { nees: nees_value, ..none.clone() });
         assert_eq!(verdict(Some(1.0)), Some(Verdict::Aim));
         assert_eq!(verdict(Some(0.8)), Some(Verdict::Must));
