@@ -9,6 +9,7 @@ use cogmint::experiment::rooms::summary::{Group, Summary, TrackerFigures, groups
 use cogmint::experiment::rooms::{RoomRuns, Tracker, run_rooms};
 use cogmint::input_error::InputError;
 use cogmint::rooms::{Disturbance, Drawn, Family, Plan, RandomRoom, Restriction, Start, room};
+use cogmint::whole_file;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -95,6 +96,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     if let Some(folder) = &options.write {
         write_rooms(&rooms, folder)?;
     }
+    if let Some(file) = &options.csv {
+        whole_file::check(file)?;
+    }
     if options.draw {
         return print_drawn(&rooms, options.json);
     }
@@ -139,37 +143,34 @@ fn rows(room: &RoomRuns) -> impl Iterator<Item = Row<'_>> {
 
 fn write_rooms(rooms: &[RandomRoom], folder: &Path) -> Result<(), Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::Work(format!("{}: {error}", folder.display()));
-    std::fs::create_dir_all(folder).map_err(|error| failed(&error))?;
     for room in rooms {
         let text = room.scenario.to_toml().map_err(|error| failed(&error))?;
         let file = folder.join(format!("room-{:06}.toml", room.drawn.seed));
-        std::fs::write(file, text).map_err(|error| failed(&error))?;
+        whole_file::write(&file, |to| to.write_all(text.as_bytes()))?;
     }
     Ok(())
 }
 
 fn write_csv(rows: &[Row], file: &Path) -> Result<(), Failure> {
-    let failed = |error: &dyn std::fmt::Display| Failure::Work(format!("{}: {error}", file.display()));
-    let mut text = Vec::new();
-    {
-        // Nested rows have no header of their own: each becomes a flat object first.
-        let mut writer = csv::Writer::from_writer(&mut text);
+    whole_file::write(file, |to| {
+        let mut writer = csv::Writer::from_writer(to);
         for (index, row) in rows.iter().enumerate() {
-            let value = serde_json::to_value(row).map_err(|error| failed(&error))?;
+            // Nested rows have no header of their own: each becomes a flat object first.
+            let value = serde_json::to_value(row)?;
             let Some(object) = value.as_object() else { continue };
             if index == 0 {
-                writer.write_record(object.keys()).map_err(|error| failed(&error))?;
+                writer.write_record(object.keys())?;
             }
             let cell = |value: &serde_json::Value| match value {
                 serde_json::Value::Null => String::new(),
                 serde_json::Value::String(text) => text.clone(),
                 other => other.to_string(),
             };
-            writer.write_record(object.values().map(cell)).map_err(|error| failed(&error))?;
+            writer.write_record(object.values().map(cell))?;
         }
-        writer.flush().map_err(|error| failed(&error))?;
-    }
-    std::fs::write(file, text).map_err(|error| failed(&error))
+        writer.flush()
+    })?;
+    Ok(())
 }
 
 fn print_drawn(rooms: &[RandomRoom], json: bool) -> Result<(), Failure> {
