@@ -94,6 +94,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
         virtual_anchors: Vec::new(),
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: DURATION_S }],
         walls: Vec::new(),
+        antennas: Vec::new(),
         cycles: cycles.collect(),
     }
 }
