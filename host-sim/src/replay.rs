@@ -262,7 +262,8 @@ fn single([x, y]: [f64; 2]) -> [f32; 2] {
     [x as f32, y as f32]
 }
 
-fn drawn_start(start: &recording::Start, seed: Option<u64>) -> [f64; 2] {
+/// The first position of a run: drawn with a seed, else the prior's mean.
+pub(crate) fn drawn_start(start: &recording::Start, seed: Option<u64>) -> [f64; 2] {
     let Some(seed) = seed else { return start.position_m };
     let [x, y] = start.drawn_about_m.unwrap_or(start.position_m);
     let mut rng = Xoshiro128PlusPlus::seed_from_u64(seed);

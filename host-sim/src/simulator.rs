@@ -158,6 +158,7 @@ impl Simulator {
                 })
                 .collect(),
             virtual_anchors: self.floor_plan.virtual_anchors.clone(),
+            antennas: Vec::new(),
             actions: receiver
                 .actions
                 .iter()
@@ -211,6 +212,7 @@ impl Simulator {
             time_s: pose.time_s,
             truth_position_m: Some(pose.position_m),
             tag_height_m: Some(self.channel.tag_height_m(cycle)),
+            antenna: None,
             ranges: Vec::new(),
             frames: frames.into_iter().flatten().collect(),
             truth_paths: truth_paths.into_iter().flatten().collect(),

@@ -824,6 +824,7 @@ mod tests {
             actions,
             walls: Vec::new(),
             plan: None,
+            antennas: Vec::new(),
             cycles: Vec::new(),
         };
         for n in 0..cycles {
@@ -842,11 +843,11 @@ mod tests {
                     let count = if kind == Kind::Both { 1 } else { lengths.len() };
                     for length in &lengths[..count] {
                         let range_m = length + 0.02 * noise(&mut rng);
-                        cycle.ranges.push(Range { anchor, range_m, std_m: None });
+                        cycle.ranges.push(Range { anchor, range_m, std_m: None, angles: None });
                     }
                     if kind == Kind::Ranges && rng.next_u32() % 2 == 0 {
                         let range_m = 14.0 * f64::from(rng.next_u32()) / 4_294_967_296.0 + 0.5;
-                        cycle.ranges.push(Range { anchor, range_m, std_m: Some(0.05) });
+                        cycle.ranges.push(Range { anchor, range_m, std_m: Some(0.05), angles: None });
                     }
                 }
                 // One frame in nine is lost.
@@ -1131,7 +1132,12 @@ mod tests {
                 for known in &recording.virtual_anchors {
                     let [u, v] = known.position_m;
                     let range_m = (x - u).hypot(y - v);
-                    cycle.ranges.push(Range { anchor: known.anchor, range_m, std_m: Some(0.05) });
+                    cycle.ranges.push(Range {
+                        anchor: known.anchor,
+                        range_m,
+                        std_m: Some(0.05),
+                        angles: None,
+                    });
                 }
             }
             covered.forgotten += verified(&setup(&recording), &recording).covered.forgotten;
@@ -1147,7 +1153,7 @@ mod tests {
         for cycle in &mut recording.cycles {
             let [x, y] = cycle.truth_position_m.unwrap();
             let range_m = (x - 1.0).hypot(y - 1.0);
-            cycle.ranges.push(Range { anchor: 2, range_m, std_m: Some(0.01) });
+            cycle.ranges.push(Range { anchor: 2, range_m, std_m: Some(0.01), angles: None });
         }
         recording.radio.range_bias_std_m = 0.1;
         verified(&setup(&recording), &recording);
@@ -1163,7 +1169,7 @@ mod tests {
                     // Of a few lengths and deviations only, so that many are equal in one or both.
                     let range_m = 1.0 + f64::from(rng.next_u32() % 12);
                     let std_m = [None, Some(0.05), Some(0.5)][rng.next_u32() as usize % 3];
-                    let range = Range { anchor: (n % 2) as usize, range_m, std_m };
+                    let range = Range { anchor: (n % 2) as usize, range_m, std_m, angles: None };
                     cycle.ranges.insert(rng.next_u32() as usize % (cycle.ranges.len() + 1), range);
                 }
             }
@@ -1176,7 +1182,7 @@ mod tests {
     fn a_refused_cycle_is_an_empty_one_for_both() {
         let mut recording = recording(Kind::Both, 12, 200);
         // More ranges than the core looks at in one scan.
-        let range = Range { anchor: 0, range_m: 5.0, std_m: None };
+        let range = Range { anchor: 0, range_m: 5.0, std_m: None, angles: None };
         recording.cycles[4].ranges.extend([range; LONGEST_SCAN + 1]);
         if let Samples::Complex(samples) = &mut recording.cycles[7].frames[0].samples {
             samples[3] = [f32::NAN, 0.0];

@@ -366,9 +366,26 @@ fn imports_of_others_data_verify_bit_for_bit() {
 
     let Some(data) = shared_data("miluv") else { return };
     let flight = data.join("random_1.npz").canonicalize().unwrap().to_string_lossy().into_owned();
-    assert!(cogmint(folder.path(), &["import", "miluv", &flight, "--out", "flight"]).status.success());
-    let outcome = json(&cogmint(folder.path(), &["verify", "--recording", "flight", "--json"]));
+    for options in [&[][..], &["--bodies"]] {
+        let arguments = [&["import", "miluv", &flight, "--out", "flight"], options].concat();
+        assert!(cogmint(folder.path(), &arguments).status.success());
+    }
+    let mut names: Vec<_> =
+        fs::read_dir(folder.path().join("flight")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["drone-1", "tag-10", "tag-11"]);
+    let outcome = json(&cogmint(folder.path(), &["verify", "--recording", "flight/drone-1", "--json"]));
     assert_eq!((&outcome["cycles"], &outcome["equal"]), (&954.into(), &true.into()), "{outcome}");
+
+    let Some(data) = shared_data("kampusareena") else { return };
+    let file = |name: &str| data.join(name).canonicalize().unwrap().to_string_lossy().into_owned();
+    let (places, paths) = (file("places.csv"), file("paths.csv"));
+    let arguments = ["import", "snapshot", "--places", &places, "--paths", &paths, "--anchor", "2.25,2.5"];
+    let map = ["--map", "5.8,3.3", "--map", "-7.0,-18.5", "--out", "hall"];
+    let output = cogmint(folder.path(), &[&arguments[..], &map].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let outcome = json(&cogmint(folder.path(), &["verify", "--recording", "hall", "--json"]));
+    assert_eq!((&outcome["cycles"], &outcome["equal"]), (&45.into(), &true.into()), "{outcome}");
 
     let Some(data) = shared_data("warsaw") else { return };
     let flat = data.canonicalize().unwrap().to_string_lossy().into_owned();
@@ -402,6 +419,21 @@ fn wrong_paths_are_refused_by_name() {
     refused(&cogmint(folder.path(), &missing), &["a.csv"]);
     refused(&cogmint(folder.path(), &["import", "miluv", "none.npz", "--out", "o"]), &["none.npz"]);
     refused(&cogmint(folder.path(), &["import", "warsaw", "none", "--out", "o"]), &["none"]);
+    let snapshot = |places: &str, paths: &str, anchor: &str| {
+        let arguments =
+            ["import", "snapshot", "--places", places, "--paths", paths, "--anchor", anchor, "--out", "o"];
+        cogmint(folder.path(), &arguments)
+    };
+    refused(&snapshot("p.csv", "q.csv", "1,2"), &["p.csv"]);
+    fs::write(folder.path().join("p.csv"), "place,x_m,y_m\n0,1,2\n").unwrap();
+    refused(&snapshot("p.csv", "q.csv", "1,2"), &["q.csv"]);
+    fs::write(folder.path().join("q.csv"), "place,range_m,departure_angle_rad\n0,1,2\n").unwrap();
+    refused(&snapshot("p.csv", "q.csv", "1,2"), &["q.csv", "arrival_angle_rad"]);
+    let columns = "place,range_m,departure_angle_rad,arrival_angle_rad";
+    fs::write(folder.path().join("q.csv"), format!("{columns}\n0,NaN,0,0\n")).unwrap();
+    refused(&snapshot("p.csv", "q.csv", "1,2"), &["q.csv, line 2", "range_m"]);
+    refused(&snapshot("p.csv", "q.csv", "1;2"), &["--anchor", "1;2"]);
+    refused(&snapshot("p.csv", "q.csv", "1,nan"), &["--anchor", "nan"]);
     assert!(!folder.path().join("o").exists(), "nothing may be written");
 }
 

@@ -265,7 +265,7 @@ mod tests {
                 Cycle {
                     time_s: n as f64,
                     truth_position_m: Some([0.5 + TRUE_M, 7.0]),
-                    ranges: vec![Range { anchor: 0, range_m, std_m: None }],
+                    ranges: vec![Range { anchor: 0, range_m, std_m: None, angles: None }],
                     frames: vec![Frame {
                         anchor: 0,
                         action: 0,

@@ -96,6 +96,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: DURATION_S }],
         walls: Vec::new(),
         plan: None,
+        antennas: Vec::new(),
         cycles: cycles.collect(),
     }
 }

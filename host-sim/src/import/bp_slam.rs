@@ -89,6 +89,7 @@ pub fn bp_slam(anchors: &Path, truth: &Path, ranges: &Path) -> Result<Recording,
         virtual_anchors,
         walls: Vec::new(),
         plan: None,
+        antennas: Vec::new(),
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s }],
         cycles: cycles.into_values().collect(),
     })
@@ -153,7 +154,7 @@ fn read_ranges(path: &Path, anchors: &[Anchor], cycles: &mut BTreeMap<u32, Cycle
         if finite(path, line, "range_m", row.range_m)? < 0.0 {
             return Err(refuse("range_m", format!("is {}", row.range_m)).allowed("from 0"));
         }
-        cycle.ranges.push(Range { anchor: row.sensor - 1, range_m: row.range_m, std_m: None });
+        cycle.ranges.push(Range { anchor: row.sensor - 1, range_m: row.range_m, std_m: None, angles: None });
     }
     Ok(())
 }
@@ -188,7 +189,10 @@ mod tests {
         assert!(!recording.virtual_anchors[0].known);
         assert_eq!(recording.start.position_m, [3.0, 7.0]);
         assert_eq!(recording.cycles[1].ranges.len(), 2);
-        assert_eq!(recording.cycles[0].ranges[1], Range { anchor: 1, range_m: 5.4, std_m: None });
+        assert_eq!(
+            recording.cycles[0].ranges[1],
+            Range { anchor: 1, range_m: 5.4, std_m: None, angles: None }
+        );
         let folder = Folder::new();
         recording.write(&folder.0).expect("is a valid recording");
     }

@@ -5,10 +5,12 @@
 
 mod bp_slam;
 mod miluv;
+mod snapshot;
 mod warsaw;
 
 pub use bp_slam::bp_slam;
 pub use miluv::{Miluv, MiluvOptions, miluv};
+pub use snapshot::{SnapshotOptions, snapshot};
 pub use warsaw::warsaw;
 
 use std::path::Path;

@@ -99,6 +99,7 @@ fn recording_of(link: &LinkRow, start: Start, anchor_m: [f64; 2], cycles: Vec<Cy
         virtual_anchors: Vec::new(),
         walls: Vec::new(),
         plan: None,
+        antennas: Vec::new(),
         actions: vec![Action { carrier_hz: 3993.6e6, pulse_duration_s }],
         cycles,
     }
@@ -154,7 +155,7 @@ fn read_cycles(
             Ok(Cycle {
                 time_s: index as f64,
                 truth_position_m: Some(tag_m),
-                ranges: vec![Range { anchor: 0, range_m, std_m: None }],
+                ranges: vec![Range { anchor: 0, range_m, std_m: None, angles: None }],
                 frames: vec![Frame {
                     anchor: 0,
                     action: 0,

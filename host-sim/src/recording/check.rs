@@ -7,8 +7,9 @@ use crate::input_error::number;
 use cogmint_core::pulse::PULSE_SAMPLES;
 
 use super::{
-    Anchor, Cycle, LINE_TOLERANCE_M, MAX_ANCHORS, MAX_CYCLES, MAX_FRAMES, MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS,
-    MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Plan, Recording, SampledPulse, Samples,
+    Anchor, Angles, Cycle, LINE_TOLERANCE_M, MAX_ANCHORS, MAX_ANTENNAS, MAX_CYCLES, MAX_FRAMES,
+    MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Plan, Recording,
+    SampledPulse, Samples,
 };
 
 /// What is wrong with a recording and where.
@@ -66,6 +67,9 @@ const RANGE: Interval = from_to(0.0, 1e6);
 const RANGE_STD: Interval = above_zero_to(1e4);
 const DELAY: Interval = from_to(-1.0, 1.0);
 const FIRST_PATH: Interval = from_to(-65536.0, 65536.0);
+/// A full turn either way.
+const ANGLE: Interval = from_to(-6.3, 6.3);
+const LEVER_ARM: Interval = from_to(-1e3, 1e3);
 const STRENGTH: Interval = from_to(0.0, 1e30);
 
 impl Interval {
@@ -206,6 +210,7 @@ impl Recording {
         check_key("radio.range_bias_mean_m", radio.range_bias_mean_m, from_to(-1e3, 1e3))?;
         check_key("radio.range_bias_std_m", radio.range_bias_std_m, from_to(0.0, 1e3))?;
         self.check_anchors()?;
+        self.check_antennas()?;
         if self.actions.len() > usize::from(u16::MAX) + 1 {
             return Err(
                 Fault::key("actions", format!("has {} entries", self.actions.len())).allowed("at most 65536")
@@ -278,6 +283,26 @@ impl Recording {
         Ok(())
     }
 
+    fn check_antennas(&self) -> Result<(), Fault> {
+        if self.antennas.len() > MAX_ANTENNAS {
+            return Err(Fault::key("antennas", format!("has {} entries", self.antennas.len()))
+                .allowed(format!("at most {MAX_ANTENNAS}")));
+        }
+        for (index, antenna) in self.antennas.iter().enumerate() {
+            let key = |field: &str| format!("antennas.{index}.{field}");
+            if antenna.name.trim().is_empty() || antenna.name.contains(char::is_control) {
+                return Err(Fault::key(key("name"), "is empty or not on one line"));
+            }
+            if self.antennas[..index].iter().any(|other| other.name == antenna.name) {
+                return Err(Fault::key(key("name"), format!("repeats the name {:?}", antenna.name)));
+            }
+            for coordinate_m in antenna.lever_arm_m.into_iter().flatten() {
+                check_key(key("lever_arm_m"), coordinate_m, LEVER_ARM)?;
+            }
+        }
+        Ok(())
+    }
+
     fn check_cycles(&self) -> Result<(), Fault> {
         if self.cycles.is_empty() {
             return Err(Fault::array("cycle_time_s", "is empty").allowed("at least one cycle"));
@@ -308,14 +333,15 @@ impl Recording {
             if let Some(height_m) = cycle.tag_height_m {
                 check_element("tag_height_m", index, height_m, POSITION)?;
             }
+            self.check_antenna_index(index, cycle.antenna)?;
             self.check_ranges(index, cycle)?;
             self.check_frames(index, cycle)?;
             self.check_truth_paths(index, cycle)?;
         }
-        all_or_none("truth_position_m", self.cycles.iter().map(|cycle| cycle.truth_position_m.is_some()))?;
         all_or_none("tag_height_m", self.cycles.iter().map(|cycle| cycle.tag_height_m.is_some()))?;
-        let ranges = self.cycles.iter().flat_map(|cycle| &cycle.ranges);
-        all_or_none("range_std_m", ranges.map(|range| range.std_m.is_some()))?;
+        let ranges = || self.cycles.iter().flat_map(|cycle| &cycle.ranges);
+        all_or_none("range_std_m", ranges().map(|range| range.std_m.is_some()))?;
+        all_or_none("range_departure_angle_rad", ranges().map(|range| range.angles.is_some()))?;
         let frames = || self.cycles.iter().flat_map(|cycle| &cycle.frames);
         all_or_none("frame_first_path_index", frames().map(|frame| frame.first_path_index.is_some()))?;
         all_or_none("frame_line_of_sight", frames().map(|frame| frame.line_of_sight.is_some()))?;
@@ -328,6 +354,10 @@ impl Recording {
             check_element("range_m", index, range.range_m, RANGE)?;
             if let Some(std_m) = range.std_m {
                 check_element("range_std_m", index, std_m, RANGE_STD)?;
+            }
+            if let Some(Angles { departure_rad, arrival_rad }) = range.angles {
+                check_element("range_departure_angle_rad", index, departure_rad, ANGLE)?;
+                check_element("range_arrival_angle_rad", index, arrival_rad, ANGLE)?;
             }
         }
         Ok(())
@@ -401,6 +431,19 @@ impl Recording {
         }
         Err(Fault::array(name, format!("is {anchor} in cycle {cycle}"))
             .allowed(format!("0 to {}, the indexes of `anchors`", self.anchors.len() - 1)))
+    }
+
+    fn check_antenna_index(&self, cycle: usize, antenna: Option<usize>) -> Result<(), Fault> {
+        match antenna {
+            None if self.antennas.is_empty() => Ok(()),
+            None => Err(Fault::array("cycle_antenna", "is missing although there are `antennas`")),
+            Some(antenna) if antenna < self.antennas.len() => Ok(()),
+            Some(_) if self.antennas.is_empty() => {
+                Err(Fault::array("cycle_antenna", "is there although there are no `antennas`"))
+            }
+            Some(antenna) => Err(Fault::array("cycle_antenna", format!("is {antenna} in cycle {cycle}"))
+                .allowed(format!("0 to {}, the indexes of `antennas`", self.antennas.len() - 1))),
+        }
     }
 
     fn check_samples_agree(&self) -> Result<(), Fault> {
@@ -511,6 +554,45 @@ mod tests {
     }
 
     #[test]
+    fn truth_may_be_known_in_some_cycles_only_but_never_by_half() {
+        let mut recording = example();
+        recording.cycles[1].truth_position_m = None;
+        assert_eq!(recording.check(), Ok(()));
+        let fault = fault_after(|recording| recording.cycles[1].truth_position_m = Some([1.0, f64::NAN]));
+        assert_eq!(fault.place, Place::Array("truth_position_m"));
+    }
+
+    #[test]
+    fn angles_are_there_for_all_ranges_or_none_and_within_a_turn() {
+        let fault = fault_after(|recording| recording.cycles[1].ranges[0].angles = None);
+        assert_eq!(fault.place, Place::Array("range_departure_angle_rad"));
+        let turned = |departure_rad, arrival_rad| {
+            fault_after(|recording| {
+                recording.cycles[1].ranges[1].angles = Some(Angles { departure_rad, arrival_rad });
+            })
+        };
+        let fault = turned(90.0, 0.0);
+        assert_eq!(fault.place, Place::Array("range_departure_angle_rad"));
+        assert_eq!(fault.allowed.as_deref(), Some("-6.3 to 6.3"));
+        assert_eq!(turned(0.0, f64::NAN).place, Place::Array("range_arrival_angle_rad"));
+    }
+
+    #[test]
+    fn every_cycle_names_one_of_the_antennas_and_none_where_there_are_none() {
+        let fault = fault_after(|recording| recording.cycles[1].antenna = Some(2));
+        assert_eq!(fault.place, Place::Array("cycle_antenna"));
+        assert_eq!(fault.allowed.as_deref(), Some("0 to 1, the indexes of `antennas`"));
+        let fault = fault_after(|recording| recording.cycles[1].antenna = None);
+        assert_eq!(fault.place, Place::Array("cycle_antenna"));
+        let fault = fault_after(|recording| recording.antennas.clear());
+        assert_eq!(fault.place, Place::Array("cycle_antenna"));
+        let fault = fault_after(|recording| recording.antennas[1].name = "left".into());
+        assert_eq!(fault.place, Place::Key("antennas.1.name".into()));
+        let fault = fault_after(|recording| recording.antennas[0].lever_arm_m = Some([0.0, f64::INFINITY]));
+        assert_eq!(fault.place, Place::Key("antennas.0.lever_arm_m".into()));
+    }
+
+    #[test]
     fn frames_must_agree_and_come_once_per_anchor_and_cycle() {
         let fault = fault_after(|recording| recording.cycles[0].frames[1].anchor = 1);
         assert_eq!(fault.place, Place::Array("frame_anchor"));
@@ -527,9 +609,7 @@ mod tests {
     }
 
     #[test]
-    fn truth_and_deviations_are_known_for_all_or_none() {
-        let fault = fault_after(|recording| recording.cycles[1].truth_position_m = None);
-        assert_eq!(fault.place, Place::Array("truth_position_m"));
+    fn deviations_and_what_is_known_of_frames_are_there_for_all_or_none() {
         let fault = fault_after(|recording| recording.cycles[1].ranges[0].std_m = None);
         assert_eq!(fault.place, Place::Array("range_std_m"));
         let fault = fault_after(|recording| recording.cycles[2].frames[0].line_of_sight = None);

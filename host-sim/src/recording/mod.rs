@@ -7,12 +7,15 @@
 //! | array | type and shape | meaning |
 //! | --- | --- | --- |
 //! | `cycle_time_s` | float64 `[N]` | time of each cycle, strictly increasing |
-//! | `truth_position_m` | float64 `[N, 2]` | optional: true horizontal position of the tag |
+//! | `truth_position_m` | float64 `[N, 2]` | optional: true horizontal position of the tag; NaN in the cycles where nobody knew it |
 //! | `tag_height_m` | float64 `[N]` | optional: height of the tag, in the frame of the anchors' heights |
+//! | `cycle_antenna` | uint8 `[N]` | index of the antenna that the cycle was measured with; where there are `antennas` |
 //! | `range_cycle` | uint32 `[R]` | index of the cycle that the range belongs to |
 //! | `range_anchor` | uint8 `[R]` | index of its anchor |
 //! | `range_m` | float64 `[R]` | length of a path, unordered within an anchor and cycle |
 //! | `range_std_m` | float64 `[R]` | optional: standard deviation of each range; no NaN |
+//! | `range_departure_angle_rad` | float64 `[R]` | optional: direction in which the path leaves the anchor, from the anchor's own heading |
+//! | `range_arrival_angle_rad` | float64 `[R]` | beside it: direction from which it reaches the tag, from the tag's own heading |
 //! | `frame_cycle` | uint32 `[F]` | index of the cycle that the frame belongs to |
 //! | `frame_anchor` | uint8 `[F]` | index of its anchor; at most one frame per anchor and cycle |
 //! | `frame_action` | uint16 `[F]` | index of the action (carrier and pulse) it was sent with |
@@ -28,9 +31,9 @@
 //! | `truth_path_magnitude` | float64 `[P]` | its peak in a frame, in the unit of the samples |
 //! | `truth_path_sinr` | float64 `[P]` | its power over noise, dense multipath and interference |
 //!
-//! The four or five `range_` arrays are absent when there are no ranges, all `frame_` arrays when there are no
-//! frames, all `truth_path_` arrays when no true paths are known. Arrays and keys that are not listed are refused: a misspelt name would otherwise lose data silently.
-//! Optional arrays cover all cycles (or ranges) or none.
+//! All `range_` arrays are absent when there are no ranges, all `frame_` arrays when there are no frames, all
+//! `truth_path_` arrays when no true paths are known. Arrays and keys that are not listed are refused: a misspelt name
+//! would otherwise lose data silently. Optional arrays cover all cycles (or ranges) or none.
 //!
 //! [`Recording::read`] and [`Recording::write`] apply the same checks, so that what was written can be read.
 
@@ -57,6 +60,8 @@ pub const ARRAYS_FILE: &str = "recording.npz";
 const DIRECT_PATH: u16 = u16::MAX;
 /// No recording has more anchors than this.
 pub const MAX_ANCHORS: usize = 64;
+/// No body has more antennas than this.
+pub const MAX_ANTENNAS: usize = 16;
 /// No recording has more cycles than this; at 10 per second they take 116 hours.
 pub const MAX_CYCLES: usize = 1 << 22;
 /// No recording has more ranges than this.
@@ -87,6 +92,8 @@ pub struct Recording {
     pub anchors: Vec<Anchor>,
     /// Mirror images of the anchors. All serve as truth for scoring; the known ones are given to the tracker.
     pub virtual_anchors: Vec<VirtualAnchor>,
+    /// The antennas of a body that has several, which take turns; empty where the tag is its own only antenna.
+    pub antennas: Vec<Antenna>,
     /// The carriers and pulses that frames were sent with. At least one when there are frames.
     pub actions: Vec<Action>,
     /// Walls of the room, each from end to end, for figures.
@@ -183,6 +190,18 @@ pub struct Anchor {
     pub height_m: f64,
 }
 
+/// One of several antennas on one body.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Antenna {
+    /// Its name, unique in the recording.
+    pub name: String,
+    /// Where it sits on the body: horizontal offset from the body's centre in metres, along axes that turn with the
+    /// body.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lever_arm_m: Option<[f64; 2]>,
+}
+
 /// A mirror image of an anchor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -244,10 +263,13 @@ pub struct Action {
 pub struct Cycle {
     /// The time, in seconds from any zero.
     pub time_s: f64,
-    /// The true horizontal position of the tag, in metres, when somebody knew it.
+    /// The true horizontal position of the tag (of a body with several antennas: of its centre), in metres, when
+    /// somebody knew it.
     pub truth_position_m: Option<[f64; 2]>,
-    /// The height of the tag, in metres.
+    /// The height of the tag (of the antenna in use), in metres.
     pub tag_height_m: Option<f64>,
+    /// Index of the antenna that everything in this cycle was measured with; there where the recording has antennas.
+    pub antenna: Option<usize>,
     /// Lengths of paths, in any order; any number per anchor.
     pub ranges: Vec<Range>,
     /// Sampled channel responses; at most one per anchor.
@@ -280,6 +302,17 @@ pub struct Range {
     pub range_m: f64,
     /// Its standard deviation, in metres; [`Radio::range_std_m`] applies when absent.
     pub std_m: Option<f64>,
+    /// Its directions, from radios that measure them. The tracker does not use them.
+    pub angles: Option<Angles>,
+}
+
+/// The directions of one path, in radians, counter-clockwise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Angles {
+    /// In which it leaves the anchor, relative to the anchor's own heading.
+    pub departure_rad: f64,
+    /// From which it reaches the tag, relative to the tag's own heading.
+    pub arrival_rad: f64,
 }
 
 /// The sampled response of the channel to one pulse.
@@ -387,6 +420,10 @@ pub(crate) mod tests {
                     },
                 ],
             }),
+            antennas: vec![
+                Antenna { name: "left".into(), lever_arm_m: Some([0.0, 0.2]) },
+                Antenna { name: "right".into(), lever_arm_m: None },
+            ],
             virtual_anchors: vec![
                 VirtualAnchor {
                     told_position_m: Some([-5.9, 2.2]),
@@ -400,9 +437,18 @@ pub(crate) mod tests {
             cycles: (0..3)
                 .map(|step| Cycle {
                     time_s: f64::from(step) * 0.1,
-                    truth_position_m: Some([3.0, 7.0 + f64::from(step) * 0.01]),
+                    truth_position_m: (step < 2).then(|| [3.0, 7.0 + f64::from(step) * 0.01]),
                     tag_height_m: Some(1.0),
-                    ranges: vec![Range { anchor: 1, range_m: 3.3 + f64::from(step), std_m: Some(0.1) }; 2],
+                    antenna: Some(step as usize % 2),
+                    ranges: vec![
+                        Range {
+                            anchor: 1,
+                            range_m: 3.3 + f64::from(step),
+                            std_m: Some(0.1),
+                            angles: Some(Angles { departure_rad: -0.5, arrival_rad: 0.25 * f64::from(step) })
+                        };
+                        2
+                    ],
                     frames: if step == 1 { Vec::new() } else { vec![frame(1), frame(0)] },
                     truth_paths: vec![
                         TruthPath {

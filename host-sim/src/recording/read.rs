@@ -8,21 +8,24 @@ use serde::Deserialize;
 use super::check::{Fault, Place};
 use super::npz::{Archive, Element, printable};
 use super::{
-    ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, DIRECT_PATH, FORMAT, Frame, MAX_CYCLES, MAX_FRAMES,
-    MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, META_FILE, Motion, Plan, Radio, Range, Recording, Samples,
-    Start, TruthPath, VirtualAnchor,
+    ARRAYS_FILE, Action, Anchor, Angles, Antenna, AssociationModel, Cycle, DIRECT_PATH, FORMAT, Frame,
+    MAX_CYCLES, MAX_FRAMES, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, META_FILE, Motion, Plan, Radio, Range,
+    Recording, Samples, Start, TruthPath, VirtualAnchor,
 };
 use crate::input_error::InputError;
 use crate::toml_place;
 
-const ARRAYS: [&str; 21] = [
+const ARRAYS: [&str; 24] = [
     "cycle_time_s",
     "truth_position_m",
     "tag_height_m",
+    "cycle_antenna",
     "range_cycle",
     "range_anchor",
     "range_m",
     "range_std_m",
+    "range_departure_angle_rad",
+    "range_arrival_angle_rad",
     "frame_cycle",
     "frame_anchor",
     "frame_action",
@@ -54,6 +57,8 @@ struct Meta {
     anchors: Vec<Anchor>,
     #[serde(default)]
     virtual_anchors: Vec<VirtualAnchor>,
+    #[serde(default)]
+    antennas: Vec<Antenna>,
     #[serde(default)]
     actions: Vec<Action>,
     #[serde(default)]
@@ -95,6 +100,7 @@ fn read_meta(path: &Path, text: &str) -> Result<Recording, InputError> {
         radio: meta.radio,
         anchors: meta.anchors,
         virtual_anchors: meta.virtual_anchors,
+        antennas: meta.antennas,
         actions: meta.actions,
         walls: meta.walls,
         plan: meta.plan,
@@ -136,13 +142,20 @@ fn read_arrays<R: Read + Seek>(
     if let Some(truth) = archive.read_optional("truth_position_m")? {
         truth.expect(Element::F64, &[Some(cycle_count), Some(2)])?;
         for (index, cycle) in recording.cycles.iter_mut().enumerate() {
-            cycle.truth_position_m = Some([truth.float(2 * index), truth.float(2 * index + 1)]);
+            let position_m = [truth.float(2 * index), truth.float(2 * index + 1)];
+            cycle.truth_position_m = (!position_m.iter().all(|x| x.is_nan())).then_some(position_m);
         }
     }
     if let Some(heights) = archive.read_optional("tag_height_m")? {
         heights.expect(Element::F64, &[Some(cycle_count)])?;
         for (index, cycle) in recording.cycles.iter_mut().enumerate() {
             cycle.tag_height_m = Some(heights.float(index));
+        }
+    }
+    if let Some(antennas) = archive.read_optional("cycle_antenna")? {
+        antennas.expect(Element::U8, &[Some(cycle_count)])?;
+        for (index, cycle) in recording.cycles.iter_mut().enumerate() {
+            cycle.antenna = Some(antennas.float(index) as usize);
         }
     }
     read_ranges(&mut archive, &mut recording.cycles)?;
@@ -178,6 +191,14 @@ fn read_ranges<R: Read + Seek>(archive: &mut Archive<R>, cycles: &mut [Cycle]) -
     if let Some(deviations) = &deviations {
         deviations.expect(Element::F64, &[Some(count)])?;
     }
+    let has_angles = archive.names().any(|name| name.ends_with("_angle_rad"));
+    let mut directions = |name| {
+        let array = has_angles.then(|| archive.read(name)).transpose()?;
+        array.iter().try_for_each(|array| array.expect(Element::F64, &[Some(count)]))?;
+        Ok::<_, InputError>(array)
+    };
+    let departures = directions("range_departure_angle_rad")?;
+    let arrivals = directions("range_arrival_angle_rad")?;
     let cycle_count = cycles.len();
     for (index, cycle) in cycle_of.indexes()?.into_iter().enumerate() {
         let Some(cycle) = cycles.get_mut(cycle) else {
@@ -187,6 +208,10 @@ fn read_ranges<R: Read + Seek>(archive: &mut Archive<R>, cycles: &mut [Cycle]) -
             anchor: anchors.float(index) as usize,
             range_m: lengths.float(index),
             std_m: deviations.as_ref().map(|deviations| deviations.float(index)),
+            angles: departures.as_ref().zip(arrivals.as_ref()).map(|(departures, arrivals)| Angles {
+                departure_rad: departures.float(index),
+                arrival_rad: arrivals.float(index),
+            }),
         });
     }
     Ok(())
@@ -480,6 +505,14 @@ mod tests {
         );
         let time = ("cycle_time_s", Element::F64, 24);
         assert!(refusal(&[time, ("truth_m", Element::F64, 24)]).contains("`truth_m` is not an array"));
+        let ranges = [
+            time,
+            ("range_cycle", Element::U32, 12),
+            ("range_anchor", Element::U8, 3),
+            ("range_m", Element::F64, 24),
+            ("range_arrival_angle_rad", Element::F64, 24),
+        ];
+        assert_eq!(refusal(&ranges), "test.npz: `range_departure_angle_rad` is missing from the arrays.");
         assert!(refusal(&[time, ("range_m", Element::F64, 24)]).contains("`range_cycle` is missing"));
         assert_eq!(
             refusal(&[time, ("truth_position_m", Element::F64, 24)]),

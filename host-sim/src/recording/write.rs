@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::check::Place;
 use super::npz::{ArchiveWriter, Element};
 use super::{
-    ARRAYS_FILE, Action, Anchor, AssociationModel, Cycle, DIRECT_PATH, FORMAT, META_FILE, Motion, Plan,
-    Radio, Recording, Samples, Start, TruthPath, VirtualAnchor,
+    ARRAYS_FILE, Action, Anchor, Antenna, AssociationModel, Cycle, DIRECT_PATH, FORMAT, META_FILE, Motion,
+    Plan, Radio, Recording, Samples, Start, TruthPath, VirtualAnchor,
 };
 use crate::input_error::{InputError, in_one_line};
 use crate::whole_file;
@@ -27,6 +27,8 @@ struct Meta<'a> {
     radio: &'a Radio,
     anchors: &'a [Anchor],
     virtual_anchors: &'a [VirtualAnchor],
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    antennas: &'a [Antenna],
     actions: &'a [Action],
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     walls: &'a [[[f64; 2]; 2]],
@@ -100,6 +102,7 @@ impl Recording {
             radio: &self.radio,
             anchors: &self.anchors,
             virtual_anchors: &self.virtual_anchors,
+            antennas: &self.antennas,
             actions: &self.actions,
             walls: &self.walls,
             plan: self.plan.as_ref(),
@@ -122,13 +125,19 @@ impl Recording {
         };
         let times: Vec<f64> = cycles.iter().map(|cycle| cycle.time_s).collect();
         add_floats(&mut archive, "cycle_time_s", &[cycles.len()], &times)?;
-        let truth: Vec<f64> = cycles.iter().filter_map(|cycle| cycle.truth_position_m).flatten().collect();
-        if !truth.is_empty() {
+        if cycles.iter().any(|cycle| cycle.truth_position_m.is_some()) {
+            let truth: Vec<f64> =
+                cycles.iter().flat_map(|cycle| cycle.truth_position_m.unwrap_or([f64::NAN; 2])).collect();
             add_floats(&mut archive, "truth_position_m", &[cycles.len(), 2], &truth)?;
         }
         let heights: Vec<f64> = cycles.iter().filter_map(|cycle| cycle.tag_height_m).collect();
         if !heights.is_empty() {
             add_floats(&mut archive, "tag_height_m", &[cycles.len()], &heights)?;
+        }
+        if !self.antennas.is_empty() {
+            // An antenna's index is below 16, as the checks saw.
+            let antennas = cycles.iter().filter_map(|cycle| cycle.antenna).map(|antenna| antenna as u8);
+            archive.add("cycle_antenna", Element::U8, &[cycles.len()], antennas)?;
         }
 
         let ranges: Vec<_> = numbered(cycles.iter().map(|cycle| &cycle.ranges));
@@ -152,6 +161,13 @@ impl Recording {
             let deviations: Vec<f64> = ranges.iter().filter_map(|(_, range)| range.std_m).collect();
             if !deviations.is_empty() {
                 add_floats(&mut archive, "range_std_m", &shape, &deviations)?;
+            }
+            let angles: Vec<_> = ranges.iter().filter_map(|(_, range)| range.angles).collect();
+            if !angles.is_empty() {
+                let departures: Vec<f64> = angles.iter().map(|angles| angles.departure_rad).collect();
+                add_floats(&mut archive, "range_departure_angle_rad", &shape, &departures)?;
+                let arrivals: Vec<f64> = angles.iter().map(|angles| angles.arrival_rad).collect();
+                add_floats(&mut archive, "range_arrival_angle_rad", &shape, &arrivals)?;
             }
         }
 
@@ -295,10 +311,12 @@ mod tests {
         recording.plan = None;
         recording.virtual_anchors.clear();
         recording.walls.clear();
+        recording.antennas.clear();
         for cycle in &mut recording.cycles {
             cycle.truth_paths.clear();
             cycle.truth_position_m = None;
             cycle.tag_height_m = None;
+            cycle.antenna = None;
             cycle.ranges.clear();
             for frame in &mut cycle.frames {
                 (frame.first_path_index, frame.line_of_sight) = (None, None);
@@ -315,11 +333,12 @@ mod tests {
         let folder = Folder::new();
         let mut recording = example();
         recording.actions.clear();
+        recording.antennas.clear();
         recording.radio.sample_spacing_s = None;
         recording.cycles = (0..4)
             .map(|step| Cycle {
                 time_s: f64::from(step),
-                ranges: vec![Range { anchor: 0, range_m: 2.0, std_m: None }; step as usize % 3],
+                ranges: vec![Range { anchor: 0, range_m: 2.0, std_m: None, angles: None }; step as usize % 3],
                 ..Cycle::default()
             })
             .collect();

@@ -175,6 +175,7 @@ mod tests {
             .map(|position_m| VirtualAnchor::new(1, position_m, 0.01, true))
             .to_vec();
         recording.actions.clear();
+        recording.antennas.clear();
         recording.anchors[0].position_m = [-2.0, 3.0];
         recording.anchors[1].position_m = [8.0, 3.0];
         let direct = recording.anchors.iter().enumerate().map(|(anchor, own)| (anchor, own.position_m));
@@ -190,6 +191,7 @@ mod tests {
                         anchor: *anchor,
                         range_m: (tag[0] - x).hypot(tag[1] - y) + true_std_m * normal(&mut rng),
                         std_m: Some(told_std_m),
+                        angles: None,
                     })
                     .collect(),
                 ..Cycle::default()

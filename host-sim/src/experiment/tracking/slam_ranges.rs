@@ -98,7 +98,8 @@ impl SlamRanges {
             let mut ranges = Vec::new();
             for (anchor, place) in ANCHORS.iter().enumerate() {
                 let before = ranges.len();
-                let mut heard = |range_m: f64| ranges.push(Range { anchor, range_m, std_m: None });
+                let mut heard =
+                    |range_m: f64| ranges.push(Range { anchor, range_m, std_m: None, angles: None });
                 let images = IMAGES.iter().filter(|(of, _)| *of == anchor).map(|(_, image)| image);
                 for [ax, ay] in std::iter::once(place).chain(images) {
                     if uniform() < self.detection_probability {
@@ -166,6 +167,7 @@ impl SlamRanges {
                 .collect(),
             walls: Vec::new(),
             plan: None,
+            antennas: Vec::new(),
             actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: 0.5e-9 }],
             cycles: (0..STEPS).map(&mut cycle).collect(),
         }
