@@ -12,10 +12,10 @@
 //! Paths, all labelled: the range of a source has the mean and variance of the second-order expansion, and the noise
 //!
 //! 0.75 N(0, R) + 0.2 N(0, R + (0.2 c Tp)^2) + 0.05 N(0, R + (1 m)^2),
-//! R = 1.44 std^2 + (0.03 c Tp)^2 + (5 mm)^2, + (0.25 c Tp)^2 where another true path overlaps,
+//! R = std^2 + (0.02 c Tp)^2 + (5 mm)^2, + (0.25 c Tp)^2 where another true path overlaps,
 //!
 //! which is what the errors of labelled paths in simulated rooms look like; a wrong wall is in its last part. A radio's
-//! range has no pulse: 0.9 N(0, R) + 0.08 N(0, 9 R) + 0.02 N(0, R + (1 m)^2), R = 1.44 std^2 + (2 mm)^2. The update is soft: it
+//! range has no pulse: 0.9 N(0, R) + 0.08 N(0, 9 R) + 0.02 N(0, R + (1 m)^2), R = std^2 + (2 mm)^2. The update is soft: it
 //! has the moments over the parts.
 
 use super::gaussian::Gaussian;
@@ -138,10 +138,10 @@ impl Measurement {
 }
 
 /// Factor on the variance that the estimator states, and what is added to it: metres, or pulse lengths.
-const INFLATION: f64 = 1.44;
+const INFLATION: f64 = 1.0;
 const RANGE_FLOOR_M: f64 = 2e-3;
 const FLOOR_M: f64 = 5e-3;
-const FLOOR: f64 = 0.03;
+const FLOOR: f64 = 0.02;
 const OVERLAPPED: f64 = 0.25;
 /// Deviations of the noise's wide parts: in pulse lengths, and of a wrong wall, metres.
 const PULLED: f64 = 0.2;
