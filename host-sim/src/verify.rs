@@ -1200,7 +1200,7 @@ mod tests {
         let range = &mut other.cycles[11].ranges[0];
         range.range_m = f64::from((range.range_m as f32).next_up());
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, |_| {}).unwrap();
+            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert!(!outcome.equal && outcome.cycles == 12);
         assert_eq!((difference.cycle, difference.stage), (11, "associate"));
@@ -1225,7 +1225,7 @@ mod tests {
             .unwrap();
         samples[strongest][0] = samples[strongest][0].next_up();
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, |_| {}).unwrap();
+            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert_eq!((difference.cycle, difference.stage), (3, "estimate"));
     }
