@@ -43,11 +43,11 @@ image=$images/cogmint-firmware
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-cargo run --quiet --locked --release -p cogmint -- \
+cargo run --quiet --locked --release -- \
   trace "${recording[@]}" --cycles "$cycles" --feed "$work/feed.bin" >"$work/host.txt"
 
 mkdir "$work/eight"
-cogmint=(cargo run --quiet --locked --release -p cogmint --)
+cogmint=(cargo run --quiet --locked --release --)
 "${cogmint[@]}" experiment eight-paths --frames 200 --out "$work/eight/frames"
 "${cogmint[@]}" trace --recording "$work/eight/frames" --cycles 200 --feed "$work/eight/feed.bin" >/dev/null
 

@@ -41,3 +41,21 @@ pub trait Observer<const VAS: usize, const PATHS: usize> {
 }
 
 impl<const VAS: usize, const PATHS: usize> Observer<VAS, PATHS> for () {}
+
+impl<const VAS: usize, const PATHS: usize, O: Observer<VAS, PATHS> + ?Sized> Observer<VAS, PATHS> for &mut O {
+    fn stage(&mut self, stage: Stage) {
+        (**self).stage(stage);
+    }
+
+    fn estimate(&mut self, anchor: usize, estimate: &ChannelEstimate<PATHS>) {
+        (**self).estimate(anchor, estimate);
+    }
+
+    fn expectations(&mut self, anchor: usize, direct: &Regression, virtual_anchors: &[Regression]) {
+        (**self).expectations(anchor, direct, virtual_anchors);
+    }
+
+    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
+        (**self).beliefs(anchor, measurements, beliefs);
+    }
+}

@@ -84,6 +84,16 @@ pub fn run(
     seed: u64,
     mut on_cycle: impl FnMut(),
 ) -> Result<Run, InputError> {
+    run_told(simulator, cognitive, seed, &mut on_cycle)
+}
+
+/// Not generic: compiled here once, not again in every crate that calls it.
+fn run_told(
+    simulator: &Simulator,
+    cognitive: bool,
+    seed: u64,
+    on_cycle: &mut dyn FnMut(),
+) -> Result<Run, InputError> {
     let file = Path::new(&simulator.channel().scenario().name);
     let refused = |error: cogmint_core::Error| InputError::new(file, error.to_string());
     let first_action = simulator.channel().receiver().first_action;

@@ -378,20 +378,24 @@ pub struct Step {
 
 /// Runs one cycle; observations that the core refuses are left out, so that time goes on.
 ///
+/// The observer is a trait object: the compiler then makes the whole tracker once for each capacity, not once for each
+/// observer too.
+///
 /// # Errors
 /// The core refuses even the empty cycle: its time or height is wrong.
 pub fn step<const A: usize>(
     tracker: &mut Tracker<A, VAS, PATHS, ACTIONS>,
     input: &CycleInput<'_>,
-    observer: &mut impl Observer<VAS, PATHS>,
+    mut observer: &mut dyn Observer<VAS, PATHS>,
 ) -> Result<Step, Error> {
     let observations = input.observations();
     let begin = std::time::Instant::now();
     let mut refused = None;
-    let mut outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, observer);
+    let mut outcome =
+        tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut observer);
     if let Err(error) = outcome {
         refused = Some(error);
-        outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height_m, observer);
+        outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height_m, &mut observer);
     }
     let seconds = begin.elapsed().as_secs_f64();
     Ok(Step { report: outcome?, hash: tracker.hash(), seconds, refused })

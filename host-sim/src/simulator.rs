@@ -188,6 +188,11 @@ impl Simulator {
     /// A recording of the first `cycles` cycles (at most all) with the scheduled actions, on all processor cores.
     /// `on_cycle` is called after each cycle, from any thread.
     pub fn record(&self, cycles: usize, on_cycle: impl Fn() + Sync) -> Recording {
+        self.record_told(cycles, &on_cycle)
+    }
+
+    /// Not generic: compiled here once, not again in every crate that calls it.
+    fn record_told(&self, cycles: usize, on_cycle: &(dyn Fn() + Sync)) -> Recording {
         let anchors = self.channel.scenario().anchors.len();
         let cycle = |scratch: &mut FrameScratch, cycle: usize| {
             let action = self.scheduled_action(cycle);

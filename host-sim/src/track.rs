@@ -80,7 +80,17 @@ pub fn track_setup(
     setup: &Setup,
     recording: &Recording,
     file: &Path,
-    on_cycle: impl FnMut(),
+    mut on_cycle: impl FnMut(),
+) -> Result<Track, InputError> {
+    run_of_capacity(setup, recording, file, &mut on_cycle)
+}
+
+/// Not generic: compiled here once, not again in every crate that calls it.
+fn run_of_capacity(
+    setup: &Setup,
+    recording: &Recording,
+    file: &Path,
+    on_cycle: &mut dyn FnMut(),
 ) -> Result<Track, InputError> {
     if setup.anchors.len() <= SMALL_ANCHORS {
         run::<SMALL_ANCHORS>(setup, recording, file, on_cycle)
@@ -93,7 +103,7 @@ fn run<const A: usize>(
     setup: &Setup,
     recording: &Recording,
     file: &Path,
-    mut on_cycle: impl FnMut(),
+    on_cycle: &mut dyn FnMut(),
 ) -> Result<Track, InputError> {
     let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
     let mut steps = Vec::new();

@@ -155,19 +155,20 @@ pub fn verify_setup(
     recording: &Recording,
     file: &Path,
     max_cycles: Option<usize>,
-    on_progress: impl FnMut(usize),
+    mut on_progress: impl FnMut(usize),
 ) -> Result<Verification, InputError> {
     let most = max_cycles.unwrap_or(usize::MAX);
-    compare(setup, [recording, recording], file, most, on_progress)
+    compare(setup, [recording, recording], file, most, &mut on_progress)
 }
 
-/// The core runs on the first recording, the reference on the second.
+/// The core runs on the first recording, the reference on the second. Not generic: compiled here once, not again in
+/// every crate that calls it.
 fn compare(
     setup: &Setup,
     recordings: [&Recording; 2],
     file: &Path,
     most: usize,
-    on_progress: impl FnMut(usize),
+    on_progress: &mut dyn FnMut(usize),
 ) -> Result<Verification, InputError> {
     if setup.anchors.len() <= SMALL_ANCHORS {
         run::<SMALL_ANCHORS>(setup, recordings, file, most, on_progress)
@@ -181,7 +182,7 @@ fn run<const A: usize>(
     [for_core, for_reference]: [&Recording; 2],
     file: &Path,
     most: usize,
-    mut on_progress: impl FnMut(usize),
+    on_progress: &mut dyn FnMut(usize),
 ) -> Result<Verification, InputError> {
     let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
     let mut single: Reference<f32> = twin::<f32, A>(setup);
@@ -1207,7 +1208,7 @@ mod tests {
         let range = &mut other.cycles[11].ranges[0];
         range.range_m = f64::from((range.range_m as f32).next_up());
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, |_| {}).unwrap();
+            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert!(!outcome.equal && outcome.cycles == 12);
         assert_eq!((difference.cycle, difference.stage), (11, "associate"));
@@ -1232,7 +1233,7 @@ mod tests {
             .unwrap();
         samples[strongest][0] = samples[strongest][0].next_up();
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, |_| {}).unwrap();
+            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert_eq!((difference.cycle, difference.stage), (3, "estimate"));
     }

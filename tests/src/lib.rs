@@ -9,7 +9,8 @@ pub mod mutation;
 pub mod outcome;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::sync::OnceLock;
 
 /// The workspace's root.
 pub fn root() -> PathBuf {
@@ -29,16 +30,36 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
 
 /// Runs the `cogmint` command in a folder and waits for it.
 pub fn cogmint(folder: &Path, arguments: &[&str]) -> Output {
-    command(folder, arguments).output().expect("cargo runs")
+    command(folder, arguments).output().expect("starts")
 }
 
 /// The `cogmint` command in a folder.
 pub fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO"));
-    command.args(["run", "--quiet", "--release", "-p", "cogmint", "--manifest-path"]);
-    command.arg(root().join("Cargo.toml")).arg("--").args(arguments);
-    command.current_dir(folder);
+    static EXECUTABLE: OnceLock<PathBuf> = OnceLock::new();
+    let mut command = Command::new(EXECUTABLE.get_or_init(built));
+    command.args(arguments).current_dir(folder);
     command
+}
+
+/// Builds the `cogmint` command and says where it is.
+///
+/// Without `-p cogmint`, so that its dependencies have the features that they have in the tests, and are not compiled
+/// for it once more.
+fn built() -> PathBuf {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args([
+        "build",
+        "--quiet",
+        "--release",
+        "--bin",
+        "cogmint",
+        "--message-format=json-render-diagnostics",
+    ]);
+    let built = cargo.current_dir(root()).stderr(Stdio::inherit()).output().expect("cargo runs");
+    assert!(built.status.success(), "cogmint is not built");
+    let messages = serde_json::Deserializer::from_slice(&built.stdout).into_iter::<serde_json::Value>();
+    let executable = messages.filter_map(|message| Some(message.ok()?["executable"].as_str()?.into())).last();
+    executable.expect("cargo names the executable")
 }
 
 /// A folder of a test's own, removed in the end.

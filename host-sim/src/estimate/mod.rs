@@ -127,6 +127,16 @@ pub fn estimate(
     options: &Options,
     progress: impl Fn() + Sync,
 ) -> Result<Vec<EstimatedFrame>, InputError> {
+    estimate_told(recording, folder, options, &progress)
+}
+
+/// Not generic: compiled here once, not again in every crate that calls it.
+fn estimate_told(
+    recording: &Recording,
+    folder: &Path,
+    options: &Options,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Vec<EstimatedFrame>, InputError> {
     let chosen = chosen_frames(recording, folder, options)?;
     let spacing_s = checked_spacing_s(recording, folder, chosen[0].2.samples.len())?;
     let stages: Vec<Stage> = recording

@@ -176,7 +176,7 @@ pub fn compare(
     campaign: &Campaign,
     on_run: impl Fn() + Sync,
 ) -> Result<Figures, InputError> {
-    let comparisons = compare_each(scenario, folder, controllers, campaign, on_run)?;
+    let comparisons = compare_each_told(scenario, folder, controllers, campaign, &on_run)?;
     Ok(Figures::new(&scenario.name, &comparisons))
 }
 
@@ -191,12 +191,23 @@ pub fn compare_each(
     campaign: &Campaign,
     on_run: impl Fn() + Sync,
 ) -> Result<Vec<Comparison>, InputError> {
+    compare_each_told(scenario, folder, controllers, campaign, &on_run)
+}
+
+/// Not generic: compiled here once, not again in every crate that calls it.
+fn compare_each_told(
+    scenario: &Scenario,
+    folder: Option<&Path>,
+    controllers: &[Controller],
+    campaign: &Campaign,
+    on_run: &(dyn Fn() + Sync),
+) -> Result<Vec<Comparison>, InputError> {
     let ways = scenario.trajectories.len().max(1);
     let comparisons = (0..campaign.runs as usize).into_par_iter().map(|run| {
         let seed = campaign.seed.wrapping_add(run as u64);
         let simulator = Simulator::new(scenario, folder, run % ways, Some(seed))?;
         let setup = set_up(&simulator)?.with_variant(campaign.variant, Path::new(&scenario.name))?;
-        compare_once(&simulator, &setup, controllers, campaign.watched && run == 0, &on_run)
+        compare_once(&simulator, &setup, controllers, campaign.watched && run == 0, on_run)
     });
     comparisons.collect()
 }
@@ -210,7 +221,7 @@ pub fn compare_once(
     setup: &Setup,
     controllers: &[Controller],
     watched: bool,
-    on_run: &(impl Fn() + Sync),
+    on_run: &(dyn Fn() + Sync),
 ) -> Result<Comparison, InputError> {
     let channel = simulator.channel();
     let truth = Truth::new(simulator, setup);

@@ -59,7 +59,17 @@ pub fn survive(
     scenario: &Scenario,
     folder: Option<&Path>,
     sweep: &Sweep,
-    on_round: impl FnMut(),
+    mut on_round: impl FnMut(),
+) -> Result<Figures, InputError> {
+    survive_told(scenario, folder, sweep, &mut on_round)
+}
+
+/// Not generic: compiled here once, not again in every crate that calls it.
+fn survive_told(
+    scenario: &Scenario,
+    folder: Option<&Path>,
+    sweep: &Sweep,
+    on_round: &mut dyn FnMut(),
 ) -> Result<Figures, InputError> {
     if scenario.anchors.len() <= SMALL_ANCHORS {
         Levels { scenario, folder, sweep }.figures::<SMALL_ANCHORS>(on_round)
@@ -84,7 +94,7 @@ struct Levels<'a> {
 }
 
 impl Levels<'_> {
-    fn figures<const A: usize>(&self, mut on_round: impl FnMut()) -> Result<Figures, InputError> {
+    fn figures<const A: usize>(&self, on_round: &mut dyn FnMut()) -> Result<Figures, InputError> {
         let sweep = self.sweep;
         let strength = Strength::new(self.scenario, self.folder, &sweep.weakest)?;
         let others =

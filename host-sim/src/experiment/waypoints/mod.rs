@@ -105,6 +105,18 @@ pub fn compare(
     seed: u64,
     on_walk: impl Fn() + Sync,
 ) -> Result<Figures, InputError> {
+    compare_told(scenario, folder, metres_per_nat, runs, seed, &on_walk)
+}
+
+/// Not generic: compiled here once, not again in every crate that calls it.
+fn compare_told(
+    scenario: &Scenario,
+    folder: Option<&Path>,
+    metres_per_nat: f64,
+    runs: u32,
+    seed: u64,
+    on_walk: &(dyn Fn() + Sync),
+) -> Result<Figures, InputError> {
     let mut scenario = scenario.clone();
     scenario.interference.clear();
     scenario.obstructions.clear();

@@ -9,6 +9,9 @@
 
 extern crate alloc;
 
+/// With `std`, its products are blocked; the workspace's own nalgebra has no `std`.
+pub use nalgebra;
+
 pub mod kfilter_crate;
 pub mod minikalman_crate;
 pub mod textbook;
