@@ -4,6 +4,7 @@ mod carriers;
 mod controllers;
 mod rooms;
 mod survival;
+mod trackers;
 mod tracking;
 mod waypoints;
 
@@ -31,6 +32,8 @@ pub enum Experiment {
     Waypoints(waypoints::Options),
     /// Trackers side by side in random rooms that nobody tuned for.
     Rooms(rooms::Options),
+    /// Trackers side by side over recordings.
+    Trackers(trackers::Options),
     /// How much interference each controller survives, in a scenario.
     Survival(survival::Options),
 }
@@ -93,6 +96,7 @@ pub fn run(experiment: &Experiment) -> Result<(), Failure> {
         Experiment::Controllers(options) => controllers::run(options),
         Experiment::Waypoints(options) => waypoints::run(options),
         Experiment::Rooms(options) => rooms::run(options),
+        Experiment::Trackers(options) => trackers::run(options),
         Experiment::Survival(options) => survival::run(options),
         Experiment::EightPaths(options) => {
             Recording::may_replace(&options.out)?;

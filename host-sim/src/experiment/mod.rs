@@ -7,6 +7,7 @@ pub mod estimator;
 mod over_runs;
 pub mod response;
 pub mod rooms;
+pub mod side_by_side;
 pub mod survival;
 pub mod tracking;
 pub mod waypoints;

@@ -4,9 +4,10 @@ use super::super::progress_of;
 use super::{print, print_json};
 use crate::Failure;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use cogmint::experiment::rooms::run::Run;
 use cogmint::experiment::rooms::summary::{Group, Summary, TrackerFigures, groups};
-use cogmint::experiment::rooms::{RoomRuns, Tracker, run_rooms};
+use cogmint::experiment::rooms::{RoomRuns, run_rooms};
+use cogmint::experiment::side_by_side::Tracker;
+use cogmint::experiment::side_by_side::run::Run;
 use cogmint::input_error::InputError;
 use cogmint::rooms::{Disturbance, Drawn, Family, Plan, RandomRoom, Restriction, Start, room};
 use cogmint::whole_file;
@@ -51,7 +52,7 @@ pub struct Options {
 }
 
 /// Parses one of a few named values.
-fn one_of<T: Copy + Send + Sync + 'static>(
+pub(super) fn one_of<T: Copy + Send + Sync + 'static>(
     all: &'static [T],
     name: fn(T) -> &'static str,
 ) -> impl TypedValueParser<Value = T> {
@@ -124,19 +125,20 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     print_groups(&groups(&runs));
     print_lost(&runs);
     for (index, tracker) in trackers.iter().enumerate() {
-        let seconds: f64 = runs.iter().map(|room| room.seconds[index]).sum();
+        let seconds: f64 = runs.iter().map(|room| room.trackers.seconds[index]).sum();
         eprintln!("{}: {seconds:.1} s in all rooms", tracker.name());
     }
     Ok(())
 }
 
 fn rows(room: &RoomRuns) -> impl Iterator<Item = Row<'_>> {
-    room.runs.iter().map(|run| Row {
+    let trackers = &room.trackers;
+    trackers.runs.iter().map(|run| Row {
         drawn: room.drawn,
-        answerable: room.answerable,
-        bound_m: room.bound_m,
-        paths_per_frame: room.paths_per_frame,
-        direct_detected_least: room.direct_detected.iter().copied().fold(1.0, f64::min),
+        answerable: trackers.answerable,
+        bound_m: trackers.bound_m,
+        paths_per_frame: trackers.paths_per_frame,
+        direct_detected_least: trackers.direct_detected.iter().copied().fold(1.0, f64::min),
         run,
     })
 }
@@ -286,8 +288,8 @@ fn print_groups(groups: &[Group]) {
 /// Which runs to look at.
 fn print_lost(rooms: &[RoomRuns]) {
     let Some(first) = rooms.first() else { return };
-    for (index, run) in first.runs.iter().enumerate() {
-        let lost = rooms.iter().filter(|room| room.answerable && room.runs[index].lost);
+    for (index, run) in first.trackers.runs.iter().enumerate() {
+        let lost = rooms.iter().filter(|room| room.trackers.answerable && room.trackers.runs[index].lost);
         let seeds: Vec<String> = lost.map(|room| room.drawn.seed.to_string()).collect();
         if !seeds.is_empty() {
             print(&format!("{} lost in answerable rooms: seeds {}", run.tracker, seeds.join(", ")));

@@ -1,8 +1,8 @@
 //! Figures over many rooms: by tracker, over all rooms and by everything that was drawn.
 
 use super::RoomRuns;
-use super::run::Run;
 use crate::channel::random::{Purpose, stream, uniform};
+use crate::experiment::side_by_side::run::Run;
 use crate::rooms::Drawn;
 use serde::Serialize;
 
@@ -82,7 +82,8 @@ pub struct Summary {
 impl Summary {
     /// Of these rooms.
     pub fn new(rooms: &[&RoomRuns]) -> Self {
-        let answerable: Vec<&RoomRuns> = rooms.iter().copied().filter(|room| room.answerable).collect();
+        let answerable: Vec<&RoomRuns> =
+            rooms.iter().copied().filter(|room| room.trackers.answerable).collect();
         Self {
             rooms: rooms.len(),
             answerable: answerable.len(),
@@ -126,14 +127,14 @@ pub fn groups(rooms: &[RoomRuns]) -> Vec<Group> {
 }
 
 fn figures(rooms: &[&RoomRuns]) -> Vec<TrackerFigures> {
-    let names = rooms.first().map_or(&[][..], |room| &room.runs[..]).iter().map(|run| run.tracker);
+    let names = rooms.first().map_or(&[][..], |room| &room.trackers.runs[..]).iter().map(|run| run.tracker);
     names.enumerate().map(|(index, name)| tracker_figures(name, index, rooms)).collect()
 }
 
 fn tracker_figures(name: &str, index: usize, rooms: &[&RoomRuns]) -> TrackerFigures {
-    let runs: Vec<&Run> = rooms.iter().map(|room| &room.runs[index]).collect();
+    let runs: Vec<&Run> = rooms.iter().map(|room| &room.trackers.runs[index]).collect();
     let answerable: Vec<&Run> =
-        rooms.iter().filter(|room| room.answerable).map(|room| &room.runs[index]).collect();
+        rooms.iter().filter(|room| room.trackers.answerable).map(|room| &room.trackers.runs[index]).collect();
     let lost = |runs: &[&Run]| mean(runs.iter().map(|run| f64::from(u8::from(run.lost))));
     let rmse = |runs: &[&Run]| quantile(0.5, runs.iter().map(|run| run.rmse_m.unwrap_or(f64::INFINITY)));
     let share = |of: fn(&Run) -> f64| mean(runs.iter().map(|run| of(run)));
