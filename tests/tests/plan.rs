@@ -26,10 +26,9 @@ trajectories = [
     { way.polyline = { vertices_m = [[7.5, 5.0], [4.5, 0.5]], step_m = 0.5 } },
 ]
 propagation = { transmissions = 1 }
-[room]
-corners_m = [[0, 0], [2, 0], [3, 0], [8, 0], [8, 6], [4, 6], [4, 4], [0, 4]]
-sides = ["brick", "glass", "brick", "concrete", "brick", "brick", "brick", "brick"]
-inner_walls = [{ from_m = [4, 0.5], to_m = [4, 3], construction = "drywall" }]
+room.corners_m = [[0, 0], [2, 0], [3, 0], [8, 0], [8, 6], [4, 6], [4, 4], [0, 4]]
+room.sides = ["brick", "glass", "brick", "concrete", "brick", "brick", "brick", "brick"]
+room.inner_walls = [{ from_m = [4, 0.5], to_m = [4, 3], construction = "drywall" }]
 "#;
 
 fn room(addition: &str) -> Scenario {
@@ -336,12 +335,4 @@ fn scenario_files_made_before_walls_were_told_stay_valid_and_are_told_walls() {
         }
     }
     assert!(files > 0);
-}
-
-#[test]
-fn bootstrap() {
-    let root = cogmint_tests::root();
-    let (scenario, _) = Scenario::find("dw3000-office").unwrap();
-    std::fs::write(root.join("tests/tests/plan/dw3000_office.rs"), Export::of_scenario(&scenario, None).unwrap().to_rust()).unwrap();
-    std::fs::write(root.join("docs/scenario.schema.json"), serde_json::to_string_pretty(Scenario::schema()).unwrap() + "\n").unwrap();
 }
