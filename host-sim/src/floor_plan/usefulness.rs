@@ -4,16 +4,19 @@
 //! plan predicts: its path is traced along the plan's segments, passes through at most `propagation.transmissions`
 //! walls, and loses what the constructions reflect and let through on average over the first action's band:
 //!
-//! SNR = SNR_1m (7 GHz / f)^2 / d^2 G_anchor^2 G_tag^2 prod |Gamma|^2 prod |T|^2, 0 where there is no path.
+//! SNR = SNR_1m (7 GHz / f)^2 / d^2 G_anchor^2 G_tag^2 prod |Gamma|^2 prod |T|^2 min((d - d_0) / (c Tp), 1)^2,
+//!
+//! 0 where there is no path. The last factor leaves of a path what the direct one, d_0 long, does not cover: the image in
+//! the wall that an anchor hangs on is strong everywhere and tells next to nothing.
 //!
 //! The usefulness of a source is the mean of ln(1 + SNR) over all places, in nat: what its path could tell if noise were
 //! the only disturbance. Sources seen from a larger part of the outline come before rarely seen ones, stronger before
 //! weaker, and ten times the power makes up for no more than it should.
 
 use crate::channel::wall::Slab;
-use crate::channel::{REFERENCE_HZ, power_of};
+use crate::channel::{REFERENCE_HZ, SPEED_OF_LIGHT_M_S, power_of};
 use crate::geometry::visibility::{Ray, trace};
-use crate::geometry::{Wall, polygon};
+use crate::geometry::{Wall, distance_m, polygon};
 use crate::recording::WallSequence;
 use crate::scenario::{Anchor, Polarisation, Scenario};
 use rayon::prelude::*;
@@ -72,6 +75,7 @@ pub struct Prediction<'a> {
     segments: &'a [Wall],
     losses: Vec<Losses>,
     carrier_hz: f64,
+    pulse_length_m: f64,
 }
 
 impl<'a> Prediction<'a> {
@@ -84,7 +88,13 @@ impl<'a> Prediction<'a> {
             (0..CARRIERS).map(|n| action.carrier_hz + (n as f64 - middle) * spacing_hz).collect();
         let polarisation = scenario.propagation.polarisation;
         let losses = slabs.iter().map(|slab| Losses::new(slab, &carriers_hz, polarisation)).collect();
-        Self { scenario, segments, losses, carrier_hz: action.carrier_hz }
+        Self {
+            scenario,
+            segments,
+            losses,
+            carrier_hz: action.carrier_hz,
+            pulse_length_m: SPEED_OF_LIGHT_M_S * action.pulse_duration_s,
+        }
     }
 
     /// How useful each candidate of an anchor is over the places; none for those never seen, or too faint to matter.
@@ -143,13 +153,16 @@ impl<'a> Prediction<'a> {
             ray.reflections.iter().map(|at| losses(at.wall).reflected(at.cos_incidence * level)).product();
         let passed: f64 =
             ray.crossed.iter().map(|at| losses(at.wall).passed(at.cos_incidence * level)).product();
+        let ends_m = [ray.points_m[0], ray.points_m[ray.points_m.len() - 1]];
+        let direct_m = distance_m(ends_m[0], ends_m[1]).hypot(rise_m);
+        let clear = ((length_m - direct_m) / self.pulse_length_m).clamp(0.0, 1.0);
         let [first, last] = [[0, 1], [ray.points_m.len() - 1, ray.points_m.len() - 2]]
             .map(|[at, next]| direction(ray.points_m[at], ray.points_m[next]));
         let gain = anchor.antenna.gain(first, sin_elevation, self.carrier_hz)
             * self.scenario.tag.antenna.gain(last, -sin_elevation, self.carrier_hz)
             * (REFERENCE_HZ / self.carrier_hz)
             / length_m;
-        power_of(self.scenario.noise.snr_at_1_m_db) * gain * gain * reflected * passed
+        power_of(self.scenario.noise.snr_at_1_m_db) * gain * gain * reflected * passed * clear * clear
     }
 }
 
@@ -252,6 +265,19 @@ mod tests {
         let Usefulness { nat, seen_share, .. } = found[0].expect("is seen");
         assert!((nat - 0.5 * f64::ln(1.0 + snr)).abs() < 1e-9, "{nat}");
         assert_eq!(seen_share, 0.5);
+    }
+
+    #[test]
+    fn an_image_within_a_pulse_of_its_anchor_is_hardly_of_use() {
+        // The anchor, at (1, 1), is 2 cm off: its image comes 4 cm behind it, where a pulse is 15 cm long.
+        let slab = || Slab::Flat { reflection: -1.0, transmission: 0.0 };
+        let place_m = [[1.0, 3.0]];
+        let close = told(&[wall([0.0, 0.98], [6.0, 0.98])], &[slab()], &place_m)[0].expect("is seen");
+        let far = told(&[wall([0.0, 0.5], [6.0, 0.5])], &[slab()], &place_m)[0].expect("is seen");
+        let pulse_m = SPEED_OF_LIGHT_M_S * 0.5e-9;
+        let snr = |length_m: f64, clear: f64| 1e4 / (length_m * length_m) * clear * clear;
+        assert!((close.nat - f64::ln(1.0 + snr(2.04, 0.04 / pulse_m))).abs() < 1e-9, "{}", close.nat);
+        assert!((far.nat - f64::ln(1.0 + snr(3.0, 1.0))).abs() < 1e-9, "{}", far.nat);
     }
 
     #[test]
