@@ -35,10 +35,15 @@ struct Report {
     instructions_per_cycle: u64,
     instructions_per_cycle_max: u64,
     instructions_per_stage: BTreeMap<&'static str, u64>,
-    /// Tracker and deepest stack; the radio's frame buffer is its own.
+    /// Static variables without the radio's frame buffer, and the deepest stack.
     ram_bytes: u64,
+    /// All static variables, the frame buffer among them.
+    static_bytes: u64,
     tracker_bytes: u64,
+    /// The deepest stack from reset on, construction included.
     stack_bytes: u64,
+    /// The same until the tracker was constructed.
+    constructor_stack_bytes: u64,
     frame_buffer_bytes: u64,
     flash_bytes: u64,
     panic_symbols: usize,
@@ -204,7 +209,8 @@ fn report() -> Result<bool, Box<dyn Error>> {
 
     let mut hashes = Vec::new();
     let mut per_stage: Vec<[u64; STAGES.len()]> = Vec::new();
-    let (mut stack_bytes, mut tracker_bytes, mut constructor_stack) = (0, 0, 0);
+    let mut constructor_stack_bytes = 0;
+    let mut end = None;
     for line in log.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words.as_slice() {
@@ -216,15 +222,16 @@ fn report() -> Result<bool, Box<dyn Error>> {
                 }
                 per_stage.push(row);
             }
-            ["constructor", "stack", bytes] => constructor_stack = bytes.parse()?,
-            ["stack", stack, "tracker", tracker] => {
-                stack_bytes = stack.parse()?;
-                tracker_bytes = tracker.parse()?;
+            ["constructor", "stack", bytes] => constructor_stack_bytes = bytes.parse()?,
+            ["stack", stack, "tracker", tracker, "frames", frames] => {
+                end = Some((stack.parse::<u64>()?, tracker.parse()?, frames.parse::<u64>()?));
             }
             _ => eprintln!("target_report: the firmware said: {line}"),
         }
     }
-    stack_bytes = stack_bytes.max(constructor_stack);
+    let Some((stack_bytes, tracker_bytes, frame_buffer_bytes)) = end else {
+        return Err("the firmware did not come to its end".into());
+    };
     if hashes.is_empty() {
         return Err("the firmware printed no cycle".into());
     }
@@ -270,10 +277,12 @@ fn report() -> Result<bool, Box<dyn Error>> {
         first_difference,
         instructions_per_cycle: mean(&mut totals.iter().copied()),
         instructions_per_cycle_max: totals.iter().copied().max().unwrap_or(0),
-        ram_bytes: tracker_bytes + stack_bytes,
+        ram_bytes: static_bytes - frame_buffer_bytes + stack_bytes,
+        static_bytes,
         tracker_bytes,
         stack_bytes,
-        frame_buffer_bytes: static_bytes.saturating_sub(tracker_bytes),
+        constructor_stack_bytes,
+        frame_buffer_bytes,
         flash_bytes,
         panic_symbols: panics.len(),
         instructions_per_stage,
@@ -349,10 +358,13 @@ fn print(report: &Report) {
         println!("{name:<34} {:>10} {:>10} {:>10}", measured(name), budget.must, budget.aim);
     }
     println!(
-        "\nlargest cycle {} instructions; RAM: tracker {} + stack {} bytes; frame buffer beside it {} bytes",
+        "\nlargest cycle {} instructions; RAM: static variables {} (the tracker {}) + stack {} bytes (construction {}); frame \
+         buffer beside it {} bytes",
         report.instructions_per_cycle_max,
+        report.static_bytes - report.frame_buffer_bytes,
         report.tracker_bytes,
         report.stack_bytes,
+        report.constructor_stack_bytes,
         report.frame_buffer_bytes
     );
     println!(
