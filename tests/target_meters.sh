@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Whether the firmware's meters fail where they must: on loops and stacks of known size, on a counter that wraps, and on
-# the tracker's image linked for a board with too little RAM.
+# Whether the firmware's meters fail where they must: on loops and stacks of known size, on a counter that wraps, on the
+# tracker's image linked for a board with too little RAM, and on a program with a reachable panic.
 #
 #   bash tests/target_meters.sh
 #
@@ -80,5 +80,11 @@ for change in 0 -8 -16384; do
     expect_error "the stack is used up" "with $((-change)) bytes of RAM too little the image says nothing"
   fi
 done
+
+if (build_for_target firmware-stub "" panics planted-panic) 2>"$work/link"; then
+  fail "a program with a reachable panic was linked"
+fi
+grep -q cogmint_has_a_reachable_panic "$work/link" || fail "the planted panic failed otherwise: $(cat "$work/link")"
+
 build_for_target firmware-stub
 say "every planted failure was reported; the image needs $needed bytes of RAM"

@@ -34,9 +34,9 @@ fi
 command -v qemu-system-arm >/dev/null || install_packages qemu-system-arm
 
 # Builds the programs of a folder that is no member of the workspace. `heap` as second argument: with `alloc`. A third
-# one: only this program.
+# one: only this program; a fourth: with this feature.
 build_for_target() {
-  local only=(${3:+--bin "$3"})
+  local only=(${3:+--bin "$3"} ${4:+--features "$4"})
   if rustup_target; then
     (cd "$1" && cargo build --quiet --locked --release --target "$target" "${only[@]}" >&2)
   elif debian_toolchain; then
