@@ -28,5 +28,5 @@ step "the same bits without optimisation"
 cargo test --locked -p cogmint-core
 cargo test --locked -p cogmint-tests --test golden
 
-step "target"
-bash tests/on_target.sh
+step "target, and every budget"
+bash tests/budgets.sh

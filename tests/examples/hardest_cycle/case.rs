@@ -8,7 +8,7 @@ use cogmint::recording::{
     VirtualAnchor,
 };
 use cogmint::replay::{ACTIONS, PATHS, VAS};
-use cogmint_core::pulse::Pulse;
+use cogmint_core::pulse::{Pulse, SUPPORT};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
@@ -320,7 +320,11 @@ fn frame(
         // From hidden in the noise to 40 dB over it.
         let amplitude = 10_f64.powf(draw.uniform(0.0, 2.0));
         let (sin, cos) = draw.uniform(0.0, std::f64::consts::TAU).sin_cos();
-        for (index, [re, im]) in complex.iter_mut().enumerate() {
+        // Beyond its support the pulse is nothing.
+        let reach_s = SUPPORT as f64 * radio.pulse_duration_s;
+        let first = ((delay_s - reach_s) / spacing_s).max(0.0) as usize;
+        let count = (2.0 * reach_s / spacing_s) as usize + 2;
+        for (index, [re, im]) in complex.iter_mut().enumerate().skip(first).take(count) {
             let lag = (index as f64 * spacing_s - delay_s) / radio.pulse_duration_s;
             let r = amplitude * f64::from(pulse.autocorrelation(lag as f32));
             *re += r * cos;
