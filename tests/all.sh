@@ -68,5 +68,5 @@ step "the same bits without optimisation"
 cargo test --locked -p cogmint-core -p cogmint-tests --lib --test golden
 cargo test --locked -p cogmint-core -p cogmint-tests --doc
 
-step "target"
-bash tests/on_target.sh
+step "target, and every budget"
+bash tests/budgets.sh

@@ -6,8 +6,10 @@
 #
 # Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch; and the state
 # filter alone with 24 virtual anchors and 26 ranges per step; and planning alone, 20 actions over one and five cycles.
+# Then tests/target_meters.sh: the firmware's meters must fail where they cannot measure.
 #
-# Exit code 0 only when all hashes are equal, no panic symbol is linked and the state filter and planning are within their budgets.
+# Exit code 0 only when all hashes are equal, no panic symbol is linked, the state filter and planning are within their
+# budgets, no stack is used up and every planted failure of the meters is reported.
 set -euo pipefail
 here=$PWD
 cd "$(dirname "$0")/.."
@@ -70,3 +72,5 @@ cargo run --quiet --locked --release -p cogmint-tests --example target_report --
   --estimator-log "$work/eight/target.txt" \
   --filter-host "$work/filter/host.txt" --filter-log "$work/filter/target.txt" \
   --plan-host "$work/plan/host.txt" --plan-log "$work/plan/target.txt" $json
+
+bash tests/target_meters.sh

@@ -33,16 +33,18 @@ if ! rustup_target && ! debian_toolchain; then
 fi
 command -v qemu-system-arm >/dev/null || install_packages qemu-system-arm
 
-# Builds the programs of a folder that is no member of the workspace. `heap` as second argument: with `alloc`.
+# Builds the programs of a folder that is no member of the workspace. `heap` as second argument: with `alloc`. A third
+# one: only this program; a fourth: with this feature.
 build_for_target() {
+  local only=(${3:+--bin "$3"} ${4:+--features "$4"})
   if rustup_target; then
-    (cd "$1" && cargo build --quiet --locked --release --target "$target" >&2)
+    (cd "$1" && cargo build --quiet --locked --release --target "$target" "${only[@]}" >&2)
   elif debian_toolchain; then
     (
       cd "$1"
       export PATH=/usr/bin:$PATH RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1
       export CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER=ld.lld
-      /usr/bin/cargo build --quiet --locked -Z build-std=core${2:+,alloc} --release --target "$target" >&2
+      /usr/bin/cargo build --quiet --locked -Z build-std=core${2:+,alloc} --release --target "$target" "${only[@]}" >&2
     )
   else
     say "no toolchain for $target"

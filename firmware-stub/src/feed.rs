@@ -47,6 +47,8 @@ struct StoredFrame {
     anchor: usize,
     action: usize,
     first_sample_delay_s: f32,
+    is_magnitude: bool,
+    /// Where its numbers begin and end in the buffer.
     from: usize,
     to: usize,
 }
@@ -66,16 +68,19 @@ impl CycleInput {
     pub fn observations<'a>(&'a self, samples: &'a [Complex; SAMPLES]) -> Vec<Observation<'a>, 4> {
         let mut observations = Vec::new();
         for frame in &self.frames {
-            if let Some(samples) = samples.get(frame.from..frame.to) {
-                // Two anchors, two kinds: every push succeeds.
-                let _ = observations.push(Observation::Frame(Frame {
-                    anchor: frame.anchor,
-                    action: frame.action,
-                    sequence: None,
-                    first_sample_delay_s: frame.first_sample_delay_s,
-                    samples: Samples::Complex(samples),
-                }));
-            }
+            let Some(numbers) = samples.as_flattened().get(frame.from..frame.to) else { continue };
+            // Two anchors, two kinds: every push succeeds.
+            let _ = observations.push(Observation::Frame(Frame {
+                anchor: frame.anchor,
+                action: frame.action,
+                sequence: None,
+                first_sample_delay_s: frame.first_sample_delay_s,
+                samples: if frame.is_magnitude {
+                    Samples::Magnitude(numbers)
+                } else {
+                    Samples::Complex(numbers.as_chunks().0)
+                },
+            }));
         }
         for (anchor, ranges) in self.ranges.iter().enumerate() {
             if !ranges.is_empty() {
@@ -180,13 +185,12 @@ impl Feed {
         for _ in 0..self.count()? {
             let (anchor, action) = (self.count()?, self.count()?);
             let first_sample_delay_s = self.float()?;
-            // Magnitudes do not fit the complex buffer; no recording for the target has them.
-            if self.word()? != 0 {
-                return None;
-            }
-            let to = from + self.count()?;
-            self.samples(samples.get_mut(from..to)?)?;
-            input.frames.push(StoredFrame { anchor, action, first_sample_delay_s, from, to }).ok()?;
+            let is_magnitude = self.word()? != 0;
+            let numbers = self.count()?.checked_mul(if is_magnitude { 1 } else { 2 })?;
+            let to = usize::checked_add(from, numbers)?;
+            self.numbers(samples.as_flattened_mut().get_mut(from..to)?)?;
+            let frame = StoredFrame { anchor, action, first_sample_delay_s, is_magnitude, from, to };
+            input.frames.push(frame).ok()?;
             from = to;
         }
         for _ in 0..self.count()? {
@@ -197,16 +201,15 @@ impl Feed {
         Some(input)
     }
 
-    fn samples(&mut self, into: &mut [Complex]) -> Option<()> {
+    fn numbers(&mut self, into: &mut [f32]) -> Option<()> {
         let mut bytes = [0; 512];
-        for chunk in into.chunks_mut(bytes.len() / 8) {
-            let filled = bytes.get_mut(..chunk.len() * 8)?;
+        for chunk in into.chunks_mut(bytes.len() / 4) {
+            let filled = bytes.get_mut(..chunk.len() * 4)?;
             if !self.file.read(filled) {
                 return None;
             }
-            for (sample, word) in chunk.iter_mut().zip(filled.chunks_exact(8)) {
-                let &[a, b, c, d, e, f, g, h] = word else { return None };
-                *sample = [f32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h])];
+            for (number, word) in chunk.iter_mut().zip(filled.as_chunks().0) {
+                *number = f32::from_le_bytes(*word);
             }
         }
         Some(())

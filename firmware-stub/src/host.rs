@@ -1,6 +1,7 @@
 //! The debugger's host: lines out, bytes of the feed in, and the end. Without `core::fmt`, whose code would
 //! count as the core's.
 
+use crate::meter::Instructions;
 use cortex_m_semihosting::{nr, syscall};
 
 const STDOUT_NAME: &[u8] = b":tt\0";
@@ -18,8 +19,24 @@ pub fn write(bytes: &[u8]) {
     }
 }
 
-/// Ends the run.
-pub fn exit(success: bool) -> ! {
+/// Why a run ended early: a line for the host, its end included.
+#[derive(Clone, Copy)]
+pub struct Fault(pub &'static [u8]);
+
+impl Fault {
+    /// There is no feed, or one that is malformed.
+    pub const FEED: Self = Self(b"error no feed, or a malformed one\n");
+}
+
+/// Ends the run with its outcome.
+pub fn end(outcome: Result<(), Fault>) -> ! {
+    if let Err(Fault(line)) = outcome {
+        write(line);
+    }
+    exit(outcome.is_ok())
+}
+
+fn exit(success: bool) -> ! {
     /// ADP_Stopped_ApplicationExit and ADP_Stopped_RunTimeErrorUnknown.
     const REASONS: [usize; 2] = [0x2_0026, 0x2_0023];
     loop {
@@ -91,6 +108,22 @@ impl Line {
             if started {
                 self.push(b'0' + digit);
             }
+            divisor /= 10;
+        }
+        self
+    }
+
+    /// Appends a number of instructions in decimal.
+    pub fn instructions(&mut self, count: Instructions) -> &mut Self {
+        let (billions, rest) = count.parts();
+        if billions == 0 {
+            return self.decimal(rest);
+        }
+        self.decimal(billions);
+        // Nine digits, zeros included.
+        let mut divisor = 100_000_000;
+        while divisor > 0 {
+            self.push(b'0' + (rest / divisor % 10) as u8);
             divisor /= 10;
         }
         self

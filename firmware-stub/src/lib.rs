@@ -24,6 +24,18 @@ unsafe impl<T> Sync for Once<T> {}
 /// The samples of one cycle.
 pub static FRAMES: Once<[Complex; SAMPLES]> = Once(UnsafeCell::new([[0.0; 2]; SAMPLES]));
 
+/// A fault of the processor, such as an access outside of memory, ends the run instead of stopping it in silence.
+#[cortex_m_rt::exception(trampoline = false)]
+unsafe fn HardFault() -> ! {
+    extern "C" fn report() -> ! {
+        host::end(Err(host::Fault(
+            b"error hard fault: an access outside of memory, or a stack that left it\n",
+        )))
+    }
+    // SAFETY: a fresh stack, since the fault may be that the old one left the memory, to which nothing returns.
+    unsafe { cortex_m::asm::bootstrap(meter::stack::top() as *const u32, report as *const u32) }
+}
+
 /// Never linked: see the head of this file.
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {

@@ -2,14 +2,15 @@
 //!
 //! Replays a feed of recorded cycles (written by `cogmint trace --feed FILE`, read from the debugger's host) through
 //! the same [`Tracker`] as on the host, and prints for every cycle the hash over all state and the instructions per
-//! stage; at the end, how much stack was used. `tests/on_target.sh` builds it, runs it in QEMU and compares.
+//! stage; at the end, how much stack was used since reset. Ends with an error where the stack is used up or a cycle is
+//! longer than the counter. `tests/on_target.sh` builds it, runs it in QEMU and compares.
 
 #![no_std]
 #![no_main]
 
 use cogmint_board::feed::Feed;
-use cogmint_board::host::{self, Line};
-use cogmint_board::meter::{StackMeter, StageMeter};
+use cogmint_board::host::{self, Fault, Line};
+use cogmint_board::meter::{StageMeter, stack};
 use cogmint_board::{FRAMES, Once, SAMPLES};
 use cogmint_core::Tracker;
 use cogmint_core::observation::Complex;
@@ -26,57 +27,39 @@ static TRACKER: Once<MaybeUninit<BoardTracker>> = Once(UnsafeCell::new(MaybeUnin
 fn main() -> ! {
     // SAFETY: see `Once`.
     let (tracker, samples) = unsafe { (&mut *TRACKER.0.get(), &mut *FRAMES.0.get()) };
-    let done = match Feed::open() {
-        Some(feed) => replay(feed, tracker, samples),
-        None => {
-            host::write(b"error no feed\n");
-            false
-        }
-    };
-    host::exit(done)
+    host::end(replay(tracker, samples))
 }
 
-/// Replays the whole feed; false where it is malformed or the core refuses it.
-fn replay(mut feed: Feed, slot: &mut MaybeUninit<BoardTracker>, samples: &mut [Complex; SAMPLES]) -> bool {
-    let Some(setup) = feed.setup() else {
-        host::write(b"error malformed feed\n");
-        return false;
-    };
-    let stack = StackMeter::paint();
+/// Replays the whole feed.
+fn replay(slot: &mut MaybeUninit<BoardTracker>, samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
+    let mut feed = Feed::open().ok_or(Fault(b"error no feed\n"))?;
+    let setup = feed.setup().ok_or(Fault(b"error malformed feed\n"))?;
     let tracker = match Tracker::new(setup.config, &setup.anchors, &setup.map, &setup.actions, setup.seed) {
         Ok(tracker) => slot.write(tracker),
-        Err(_) => {
-            host::write(b"error refused set-up\n");
-            return false;
-        }
+        Err(_) => return Err(Fault(b"error refused set-up\n")),
     };
-    let mut line = Line::new();
-    line.text(b"constructor stack ").decimal(stack.used()).end();
-    let stack = StackMeter::paint();
+    Line::new().text(b"constructor stack ").decimal(stack::deepest_from_reset()?).end();
     for cycle in 0..setup.cycles {
-        let Some(input) = feed.cycle(samples) else {
-            host::write(b"error malformed cycle\n");
-            return false;
-        };
+        let input = feed.cycle(samples).ok_or(Fault(b"error malformed cycle\n"))?;
         let observations = input.observations(samples);
         let mut stages = StageMeter::default();
-        let outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut stages);
-        if outcome.is_err() {
-            host::write(b"error refused cycle\n");
-            return false;
-        }
+        tracker
+            .cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut stages)
+            .map_err(|_| Fault(b"error refused cycle\n"))?;
         let mut line = Line::new();
         line.text(b"cycle ").decimal(cycle).text(b" hash ").hex(tracker.hash());
-        for instructions in stages.per_stage() {
-            line.text(b" ").decimal(instructions);
+        for instructions in stages.per_stage()? {
+            line.text(b" ").instructions(instructions);
         }
         line.end();
     }
-    let mut line = Line::new();
-    line.text(b"stack ")
-        .decimal(stack.used())
+    Line::new()
+        .text(b"stack ")
+        .decimal(stack::deepest_from_reset()?)
         .text(b" tracker ")
         .decimal(size_of::<BoardTracker>() as u32)
+        .text(b" frames ")
+        .decimal(size_of_val(samples) as u32)
         .end();
-    true
+    Ok(())
 }

@@ -24,7 +24,7 @@ pub fn trace(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<St
 /// The feed of a recording for the firmware, whose source documents the layout.
 ///
 /// # Errors
-/// The recording holds frames without phase or scans of more than 16 ranges, which the firmware has no room for.
+/// The recording holds scans of more than 16 ranges, which the firmware has no room for.
 pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>, InputError> {
     let mut feed = Feed::default();
     feed.word(u32::from_le_bytes(*b"COG1"));
@@ -87,10 +87,7 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
             );
             return Err(InputError::new(file, reason).for_item("range_anchor"));
         }
-        feed.cycle(&input).ok_or_else(|| {
-            InputError::new(file, "holds magnitudes, the firmware takes complex samples only")
-                .for_item("frame_magnitude")
-        })?;
+        feed.cycle(&input);
     }
     Ok(feed.bytes)
 }
@@ -114,7 +111,7 @@ impl Feed {
         self.word(value.to_bits());
     }
 
-    fn cycle(&mut self, input: &CycleInput<'_>) -> Option<()> {
+    fn cycle(&mut self, input: &CycleInput<'_>) {
         self.float(input.elapsed_s);
         self.word(u32::from(input.tag_height_m.is_some()));
         self.float(input.tag_height_m.unwrap_or(0.0));
@@ -128,15 +125,14 @@ impl Feed {
             .collect();
         self.count(frames.len());
         for frame in frames {
-            let Samples::Complex(samples) = frame.samples else { return None };
             self.count(frame.anchor);
             self.count(frame.action);
             self.float(frame.first_sample_delay_s);
-            self.word(0);
-            self.count(samples.len());
-            for [re, im] in samples {
-                self.float(*re);
-                self.float(*im);
+            self.word(u32::from(matches!(frame.samples, Samples::Magnitude(_))));
+            self.count(frame.samples.len());
+            match frame.samples {
+                Samples::Complex(samples) => samples.iter().flatten().for_each(|part| self.float(*part)),
+                Samples::Magnitude(samples) => samples.iter().for_each(|value| self.float(*value)),
             }
         }
         let ranges: Vec<_> = observations
@@ -153,6 +149,5 @@ impl Feed {
             self.float(range.range_m);
             self.float(range.variance_m2);
         }
-        Some(())
     }
 }

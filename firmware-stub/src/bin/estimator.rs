@@ -5,8 +5,8 @@
 #![no_main]
 
 use cogmint_board::feed::Feed;
-use cogmint_board::host::{self, Line};
-use cogmint_board::meter::{StackMeter, instructions};
+use cogmint_board::host::{self, Fault, Line};
+use cogmint_board::meter::{Scratch, instructions};
 use cogmint_board::{FRAMES, SAMPLES};
 use cogmint_core::observation::{Complex, Observation};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
@@ -18,30 +18,26 @@ type Estimator = ChannelEstimator<16>;
 fn main() -> ! {
     // SAFETY: see `Once`.
     let samples = unsafe { &mut *FRAMES.0.get() };
-    let done = run(samples).is_some();
-    if !done {
-        host::write(b"error no feed, or a malformed one\n");
-    }
-    host::exit(done)
+    host::end(run(samples))
 }
 
-fn run(samples: &mut [Complex; SAMPLES]) -> Option<()> {
-    let mut feed = Feed::open()?;
-    let setup = feed.setup()?;
+fn run(samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
+    let mut feed = Feed::open().ok_or(Fault::FEED)?;
+    let setup = feed.setup().ok_or(Fault::FEED)?;
     let radio = setup.config.radio;
-    let action = setup.actions.first()?;
+    let action = setup.actions.first().ok_or(Fault::FEED)?;
     let pulse = radio.pulse(action);
     let estimator =
         Estimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame);
     let mut deepest = 0;
     for _ in 0..setup.cycles {
-        let input = feed.cycle(samples)?;
+        let input = feed.cycle(samples).ok_or(Fault::FEED)?;
         for observation in &input.observations(samples) {
             let Observation::Frame(frame) = observation else { continue };
-            let stack = StackMeter::paint();
-            let (count, paths) = instructions(|| paths(&estimator, frame));
-            deepest = deepest.max(stack.used());
-            Line::new().text(b"frame ").decimal(paths).text(b" ").decimal(count).end();
+            let stack = Scratch::paint()?;
+            let (count, paths) = instructions(|| paths(&estimator, frame))?;
+            deepest = deepest.max(stack.used()?);
+            Line::new().text(b"frame ").decimal(paths).text(b" ").instructions(count).end();
         }
     }
     Line::new()
@@ -50,7 +46,7 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Option<()> {
         .text(b" stack ")
         .decimal(deepest)
         .end();
-    Some(())
+    Ok(())
 }
 
 /// How many paths a frame has. Its own stack frame, so that all scratch of the estimate lies below the painter.

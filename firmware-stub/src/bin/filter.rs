@@ -7,8 +7,8 @@
 #![no_main]
 
 use cogmint_board::Once;
-use cogmint_board::host::{self, File, Line};
-use cogmint_board::meter::{StackMeter, instructions};
+use cogmint_board::host::{self, Fault, File, Line};
+use cogmint_board::meter::{Instructions, MeterError, Scratch, instructions};
 use cogmint_core::perceptor::state_filter::{Innovation, Motion, Regression, Sight, Source, StateFilter};
 use cogmint_core::trace::TraceHash;
 use core::cell::UnsafeCell;
@@ -29,23 +29,19 @@ static FILTER: Once<MaybeUninit<Filter>> = Once(UnsafeCell::new(MaybeUninit::uni
 fn main() -> ! {
     // SAFETY: see `Once`.
     let slot = unsafe { &mut *FILTER.0.get() };
-    let done = run(slot).is_some();
-    if !done {
-        host::write(b"error no feed, or a malformed one\n");
-    }
-    host::exit(done)
+    host::end(run(slot))
 }
 
 /// Words of the feed.
 struct Words(File);
 
 impl Words {
-    fn bytes(&mut self) -> Option<[u8; 4]> {
+    fn bytes(&mut self) -> Result<[u8; 4], Fault> {
         let mut bytes = [0; 4];
-        self.0.read(&mut bytes).then_some(bytes)
+        self.0.read(&mut bytes).then_some(bytes).ok_or(Fault::FEED)
     }
 
-    fn float(&mut self) -> Option<f32> {
+    fn float(&mut self) -> Result<f32, Fault> {
         self.bytes().map(f32::from_le_bytes)
     }
 }
@@ -57,10 +53,10 @@ struct Scene {
     step_s: f32,
 }
 
-fn run(slot: &mut MaybeUninit<Filter>) -> Option<()> {
-    let mut words = Words(File::open_feed()?);
+fn run(slot: &mut MaybeUninit<Filter>) -> Result<(), Fault> {
+    let mut words = Words(File::open_feed().ok_or(Fault::FEED)?);
     if words.bytes()? != MAGIC {
-        return None;
+        return Err(Fault::FEED);
     }
     let steps = u32::from_le_bytes(words.bytes()?);
     let motion = Motion {
@@ -78,7 +74,7 @@ fn run(slot: &mut MaybeUninit<Filter>) -> Option<()> {
     }
     for slot in 0..VAS {
         if !filter.insert_independent(slot, [words.float()?, words.float()?], virtual_anchor_std_m) {
-            return None;
+            return Err(Fault::FEED);
         }
     }
     let scene = Scene { anchors_m, variance_m2: words.float()?, step_s: words.float()? };
@@ -88,28 +84,32 @@ fn run(slot: &mut MaybeUninit<Filter>) -> Option<()> {
         for range in &mut ranges_m {
             *range = words.float()?;
         }
-        let stack = StackMeter::paint();
-        let parts = step(filter, &scene, &ranges_m);
-        deepest = deepest.max(stack.used());
+        let stack = Scratch::paint()?;
+        let parts = step(filter, &scene, &ranges_m)?;
+        deepest = deepest.max(stack.used()?);
         let mut hash = TraceHash::default();
         filter.visit(|value| hash.float(value));
         let mut line = Line::new();
         line.text(b"step ").decimal(number).text(b" hash ").hex(hash.value());
         for instructions in parts {
-            line.text(b" ").decimal(instructions);
+            line.text(b" ").instructions(instructions);
         }
         line.end();
     }
     Line::new().text(b"filter ").decimal(size_of::<Filter>() as u32).text(b" stack ").decimal(deepest).end();
-    Some(())
+    Ok(())
 }
 
 /// One step; the instructions of predict, regress and update. Its own stack frame, so that all scratch lies below the
 /// painter.
 #[inline(never)]
-fn step(filter: &mut Filter, scene: &Scene, ranges_m: &[f32; RANGES]) -> [u32; 3] {
-    let (predict, ()) = instructions(|| filter.predict(scene.step_s));
-    let (regress, lines) = instructions(|| lines(filter, scene));
+fn step(
+    filter: &mut Filter,
+    scene: &Scene,
+    ranges_m: &[f32; RANGES],
+) -> Result<[Instructions; 3], MeterError> {
+    let (predict, ()) = instructions(|| filter.predict(scene.step_s))?;
+    let (regress, lines) = instructions(|| lines(filter, scene))?;
     let (update, ()) = instructions(|| {
         filter.update(lines.iter().zip(ranges_m).map(|(regression, range_m)| {
             let nu = range_m - regression.range_m;
@@ -121,8 +121,8 @@ fn step(filter: &mut Filter, scene: &Scene, ranges_m: &[f32; RANGES]) -> [u32; 3
                 variance_m2: scene.variance_m2,
             }
         }));
-    });
-    [predict, regress, update]
+    })?;
+    Ok([predict, regress, update])
 }
 
 /// The regressions of all ranges, physical anchors first.

@@ -6,8 +6,8 @@
 #![no_main]
 
 use cogmint_board::Once;
-use cogmint_board::host::{self, File, Line};
-use cogmint_board::meter::{StackMeter, instructions};
+use cogmint_board::host::{self, Fault, File, Line};
+use cogmint_board::meter::{Instructions, MeterError, Scratch, instructions};
 use cogmint_core::Config;
 use cogmint_core::config::Radio;
 use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
@@ -39,26 +39,22 @@ static MEMORY: Once<MaybeUninit<Memory>> = Once(UnsafeCell::new(MaybeUninit::uni
 fn main() -> ! {
     // SAFETY: see `Once`.
     let slot = unsafe { &mut *MEMORY.0.get() };
-    let done = run(slot).is_some();
-    if !done {
-        host::write(b"error no feed, or a malformed one\n");
-    }
-    host::exit(done)
+    host::end(run(slot))
 }
 
-fn float(feed: &mut File) -> Option<f32> {
+fn float(feed: &mut File) -> Result<f32, Fault> {
     let mut bytes = [0; 4];
-    feed.read(&mut bytes).then(|| f32::from_le_bytes(bytes))
+    feed.read(&mut bytes).then(|| f32::from_le_bytes(bytes)).ok_or(Fault::FEED)
 }
 
-fn run(slot: &mut MaybeUninit<Memory>) -> Option<()> {
-    let mut feed = File::open_feed()?;
+fn run(slot: &mut MaybeUninit<Memory>) -> Result<(), Fault> {
+    let mut feed = File::open_feed().ok_or(Fault::FEED)?;
     let mut magic = [0; 4];
     if !feed.read(&mut magic) || magic != MAGIC {
-        return None;
+        return Err(Fault::FEED);
     }
     let outlook = outlook(&mut feed)?;
-    let library = Library::<ACTIONS>::new(&LIBRARY_WIDE).ok()?;
+    let library = Library::<ACTIONS>::new(&LIBRARY_WIDE).map_err(|_| Fault(b"error refused library\n"))?;
     let memory = slot.write(Memory::new(10.0, true, &library));
     let mut visible: Vec<Visible, SOURCES> = Vec::new();
     for index in 0..SOURCES {
@@ -78,25 +74,25 @@ fn run(slot: &mut MaybeUninit<Memory>) -> Option<()> {
         let _ = visible.push(Visible { source, position_m, height_m: 0.0, covariance_m2 });
     }
     for steps in HORIZONS {
-        let stack = StackMeter::paint();
-        let (count, hash) = measure(steps, &outlook, &visible, memory, &library);
-        let deepest = stack.used();
+        let stack = Scratch::paint()?;
+        let (count, hash) = measure(steps, &outlook, &visible, memory, &library)?;
+        let deepest = stack.used()?;
         let mut line = Line::new();
         line.text(b"horizon ").decimal(steps as u32).text(b" hash ").hex(hash);
-        line.text(b" ").decimal(count).text(b" stack ").decimal(deepest);
+        line.text(b" ").instructions(count).text(b" stack ").decimal(deepest);
         line.end();
     }
-    Some(())
+    Ok(())
 }
 
-fn outlook(feed: &mut File) -> Option<Outlook> {
+fn outlook(feed: &mut File) -> Result<Outlook, Fault> {
     let mut floats = [0.0; 14];
     for place in &mut floats {
         *place = float(feed)?;
     }
     let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_std_m_s2, ..] = floats;
     let [.., variance_inflation, range_floor_m, roll_off, threshold] = floats;
-    Some(Outlook {
+    Ok(Outlook {
         position_m: [x, y],
         velocity_m_s: [u, v],
         covariance: Matrix4::new(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, 0.0, uu, 0.0, 0.0, 0.0, 0.0, vv),
@@ -118,15 +114,15 @@ fn measure(
     visible: &Vec<Visible, SOURCES>,
     memory: &Memory,
     library: &Library<ACTIONS>,
-) -> (u32, u64) {
+) -> Result<(Instructions, u64), MeterError> {
     let mut planned = [false; ACTIONS];
     planned.iter_mut().step_by(2).for_each(|wanted| *wanted = true);
     let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };
     let given = [PositionInformation::default(); LONGEST_HORIZON];
     let (count, rewards) = instructions(|| {
         Scene::new(horizon, outlook, memory, library).plan(&planned, visible.iter().copied(), &given)
-    });
+    })?;
     let mut hash = TraceHash::default();
     rewards.iter().for_each(|reward| hash.float(*reward));
-    (count, hash.value())
+    Ok((count, hash.value()))
 }
