@@ -26,7 +26,7 @@ pub fn write(to: &Path, contents: impl FnOnce(&mut dyn Write) -> io::Result<()>)
 /// Writes several files: none takes its place before all are complete.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_all(files: &[(&Path, &[u8])]) -> io::Result<()> {
     let complete = |(to, contents): &(&Path, &[u8])| {
         let mut file = Unfinished::create(to)?;
@@ -40,7 +40,7 @@ pub fn write_all(files: &[(&Path, &[u8])]) -> io::Result<()> {
 /// Whether `to` can be written, to be asked before long work. Makes its folder; `to` itself stays as it is.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn check(to: &Path) -> io::Result<()> {
     // The reader of a pipe would take a writer that comes and goes for the end.
     if fs::metadata(to).is_ok_and(|old| !old.is_file() && !old.is_dir()) {

@@ -40,7 +40,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         return print_json(&export);
     }
     match options.format {
-        Format::Table => print_table(&export, &remark),
+        Format::Table => print_table(&export, remark),
         Format::Toml => {
             let text = export.to_toml().map_err(|error| Failure::Work(error.to_string()))?;
             print(text.trim_end());

@@ -590,7 +590,7 @@ fn interferers(seed: u64, disturbance: Disturbance, radio: &Radio, snr_at_1_m_db
             let count = draws.count(4, 8);
             let pitch = 0.9 / count as f64;
             let stay = |index: usize| {
-                let carrier_hz = if index % 2 == 0 { own_hz } else { draws.one_of(&carriers) };
+                let carrier_hz = if index.is_multiple_of(2) { own_hz } else { draws.one_of(&carriers) };
                 let from = 0.05 + pitch * index as f64;
                 of(carrier_hz, from, from + pitch)
             };

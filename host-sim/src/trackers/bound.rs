@@ -1,6 +1,6 @@
 //! Bounds along the true way: what the frames allow, and what the detected paths do. No tracker enters into either.
 //!
-//! Both are posterior Cramer-Rao bounds in the state of [`super::map`] (tag, biases, walls or virtual anchors with
+//! Both are posterior Cramer-Rao bounds in the state of `map` (tag, biases, walls or virtual anchors with
 //! the deviations told, motion and start prior as told), by the Kalman recursion of the covariance with all ranges
 //! linearised at the truth (Tichavsky, Muravchik, Nehorai 1998, as [`crate::bound::posterior`]).
 //!

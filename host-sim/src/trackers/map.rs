@@ -274,9 +274,8 @@ fn reflected(point_m: [f64; 2], mirrors: &[Mirror], state: impl Fn(usize) -> f64
         let from = [place.position_m[0] - mirror.centre_m[0], place.position_m[1] - mirror.centre_m[1]];
         let s = u[0] * from[0] + u[1] * from[1] - state(mirror.index);
         let q = t[0] * from[0] + t[1] * from[1];
-        for axis in 0..2 {
-            place.position_m[axis] -= 2.0 * s * u[axis];
-        }
+        let [x, y] = place.position_m;
+        place.position_m = [x - 2.0 * s * u[0], y - 2.0 * s * u[1]];
         for (_, slope) in &mut place.slopes {
             let along = u[0] * slope[0] + u[1] * slope[1];
             *slope = [slope[0] - 2.0 * along * u[0], slope[1] - 2.0 * along * u[1]];

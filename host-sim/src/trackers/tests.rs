@@ -55,6 +55,7 @@ fn recording(
             .collect(),
         virtual_anchors: Vec::new(),
         actions: Vec::new(),
+        antennas: Vec::new(),
         walls: Vec::new(),
         plan: None,
         cycles: Vec::new(),

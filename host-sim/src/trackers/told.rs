@@ -1,7 +1,7 @@
 //! `told`: extended Kalman filters that are told which path belongs to which source; what is left when association is
 //! no problem.
 //!
-//! The state and its prior are those of [`super::map`]: the map is the plan's walls where the recording has a plan.
+//! The state and its prior are those of `map`: the map is the plan's walls where the recording has a plan.
 //! Motion: white acceleration in continuous time. The prior is a Gaussian sum (Alspach and Sorenson 1972), so
 //! that a wide start and two places that a ring of ranges leaves open are no linearisation errors: a Gaussian whose
 //! position is so wide that the curvature of a range matters is split into three along its longest axis.

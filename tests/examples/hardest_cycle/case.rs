@@ -179,6 +179,7 @@ pub fn recording(seed: u64) -> Recording {
             position_std_m: pick(seed, Field::StartStd, &[0.25, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0]),
             velocity_std_m_s: pick(seed, Field::Speed, &[0.03, 3.0]),
             disc_radius_m: None,
+            drawn_about_m: None,
         },
         association: AssociationModel {
             detection_probability: pick(seed, Field::Detection, &[0.05, 0.5, 0.95, 0.999]),
@@ -209,6 +210,8 @@ pub fn recording(seed: u64) -> Recording {
             .map(|n| Action { carrier_hz: 6e9 + 50e6 * n as f64, pulse_duration_s: pulse_s })
             .collect(),
         walls: Vec::new(),
+        plan: None,
+        antennas: Vec::new(),
         cycles: Vec::new(),
     };
     let cycles = pick(seed, Field::Cycles, &[1, 2, 6, 16]);
@@ -284,7 +287,12 @@ fn ranges(seed: u64, recording: &Recording, anchor: usize, sources_m: &[f64], dr
             };
             let range_m = exact_m.map_or(anywhere_m, |exact| exact + bias_m + noise_m);
             // Within what the core takes, at the precision of its numbers.
-            Range { anchor, range_m: range_m.clamp(1e-3 * reach_m, 0.999 * reach_m), std_m: None }
+            Range {
+                anchor,
+                range_m: range_m.clamp(1e-3 * reach_m, 0.999 * reach_m),
+                std_m: None,
+                angles: None,
+            }
         })
         .collect()
 }

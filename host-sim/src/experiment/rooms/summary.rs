@@ -93,8 +93,11 @@ impl Summary {
     }
 }
 
-/// What rooms are grouped by: the draw and how it is written.
-const DRAWS: [(&str, fn(&Drawn) -> String); 10] = [
+/// Something that was drawn: its name, and how what was drawn is written.
+type Draw = (&'static str, fn(&Drawn) -> String);
+
+/// What rooms are grouped by.
+const DRAWS: [Draw; 10] = [
     ("family", |drawn| drawn.family.name().into()),
     ("anchors", |drawn| drawn.anchors.to_string()),
     ("plan", |drawn| drawn.plan.name().into()),
