@@ -242,7 +242,7 @@ fn scan(seed: u64, recording: &Recording, number: usize, position_m: [f64; 2], s
         Delivered::Ranges => (true, false),
         Delivered::Frames => (false, true),
         Delivered::Both => (true, true),
-        Delivered::Alternating => (number % 2 == 0, number % 2 == 1),
+        Delivered::Alternating => (number.is_multiple_of(2), !number.is_multiple_of(2)),
     };
     for anchor in 0..recording.anchors.len() {
         // A stream per cycle and anchor: what one delivers does not depend on how much the others did.
