@@ -1,4 +1,5 @@
-//! The main job: the seminar room under interference, once with a fixed carrier and once with the tracker's own choice.
+//! The main job: the seminar room under interference, with the carrier that the interferer sits on, with one that it
+//! leaves alone, and with the tracker's own choice.
 
 use crate::input_error::InputError;
 use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, Span, TrackFigure};
@@ -12,8 +13,8 @@ use std::path::Path;
 /// One run through the room.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// What it is called: fixed or cognitive.
-    pub name: &'static str,
+    /// What it is called.
+    pub name: String,
     /// What it received, as a recording that replays to the same states.
     pub recording: Recording,
     /// What became of it, cycle by cycle.
@@ -23,6 +24,20 @@ pub struct Run {
     /// Its score.
     pub score: Score,
 }
+
+/// How a run's carrier is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Carrier {
+    /// The scenario's first one throughout.
+    First,
+    /// This action of the library throughout: who takes one that stays free knows beforehand which.
+    Always(usize),
+    /// The tracker's choice, from the scenario's first one on.
+    Chosen,
+}
+
+/// The lowest carrier of the wide library, 5.0 GHz: 1 GHz below the main job's interferer.
+pub const LOWEST: Carrier = Carrier::Always(0);
 
 /// Share of the way on which the interferer is on.
 const INTERFERED: Part = Part([0.35, 0.75]);
@@ -82,25 +97,48 @@ pub fn run(
     simulator: &Simulator,
     cognitive: bool,
     seed: u64,
+    on_cycle: impl FnMut(),
+) -> Result<Run, InputError> {
+    run_with(simulator, if cognitive { Carrier::Chosen } else { Carrier::First }, seed, on_cycle)
+}
+
+/// Runs a scenario with its carrier found so.
+///
+/// # Errors
+/// The core refuses something: a carrier that the library does not have.
+pub fn run_with(
+    simulator: &Simulator,
+    carrier: Carrier,
+    seed: u64,
     mut on_cycle: impl FnMut(),
 ) -> Result<Run, InputError> {
-    run_told(simulator, cognitive, seed, &mut on_cycle)
+    run_told(simulator, carrier, seed, &mut on_cycle)
 }
 
 /// Not generic: compiled here once, not again in every crate that calls it.
 fn run_told(
     simulator: &Simulator,
-    cognitive: bool,
+    carrier: Carrier,
     seed: u64,
     on_cycle: &mut dyn FnMut(),
 ) -> Result<Run, InputError> {
     let file = Path::new(&simulator.channel().scenario().name);
     let refused = |error: cogmint_core::Error| InputError::new(file, error.to_string());
-    let first_action = simulator.channel().receiver().first_action;
+    let receiver = simulator.channel().receiver();
+    let (first_action, name) = match carrier {
+        Carrier::First => (receiver.first_action, "fixed".to_owned()),
+        Carrier::Chosen => (receiver.first_action, "cognitive".to_owned()),
+        Carrier::Always(action) => {
+            let Some(always) = receiver.actions.get(action) else {
+                return Err(InputError::new(file, format!("has no action {action}")));
+            };
+            (action, format!("always {:.1} GHz", always.carrier_hz / 1e9))
+        }
+    };
     let mut recording = simulator.before();
     recording.cycles.push(simulator.cycle(0, first_action));
     let mut setup = Setup::new(&recording, file, Some(seed))?;
-    if !cognitive {
+    if carrier != Carrier::Chosen {
         setup.config.controller.planned_actions = 0;
     }
     let mut tracker = setup.tracker::<SMALL_ANCHORS>().map_err(refused)?;
@@ -124,7 +162,7 @@ fn run_told(
     }
     let seconds = steps.iter().map(|step| step.seconds).sum();
     let score = Score::new(steps.len(), &errors_m, seconds);
-    Ok(Run { name: if cognitive { "cognitive" } else { "fixed" }, recording, steps, errors_m, score })
+    Ok(Run { name, recording, steps, errors_m, score })
 }
 
 /// The picture of a comparison: the tracks beside the errors, carriers and entropies over the cycles.
@@ -136,7 +174,7 @@ pub fn picture(simulator: &Simulator, runs: &[Run]) -> Picture {
         truth: simulator.channel().poses().iter().map(|pose| pose.position_m).collect(),
         estimates: runs
             .iter()
-            .map(|run| (run.name.into(), run.steps.iter().map(position).collect()))
+            .map(|run| (run.name.clone(), run.steps.iter().map(position).collect()))
             .collect(),
         anchors: first.recording.anchors.iter().map(|a| (a.name.clone(), a.position_m)).collect(),
         virtual_anchors: first
@@ -162,7 +200,7 @@ pub fn picture(simulator: &Simulator, runs: &[Run]) -> Picture {
             series: runs
                 .iter()
                 .map(|run| Series {
-                    label: run.name.into(),
+                    label: run.name.clone(),
                     points: (0..run.steps.len()).map(|n| [n as f64, value(run, n)]).collect(),
                     faint: false,
                 })
