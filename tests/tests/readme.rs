@@ -143,10 +143,10 @@ fn write_inputs(folder: &Path) {
     write("room.toml", ROOM);
     write(
         "anchors.csv",
-        "sensor,index,is_physical_anchor,x_m,y_m\n0,0,1,0.0,0.0\n0,1,0,4.0,9.0\n1,0,1,5.0,0.0\n",
+        "sensor,index,is_physical_anchor,x_m,y_m\n1,0,1,0.0,0.0\n1,1,0,4.0,9.0\n2,0,1,5.0,0.0\n",
     );
     write("truth.csv", "step,x_m,y_m\n0,1.0,2.0\n1,1.0,2.01\n2,1.0,2.02\n");
-    write("ranges.csv", "step,sensor,range_m\n0,0,2.2\n0,1,4.5\n1,0,2.2\n2,1,4.4\n");
+    write("ranges.csv", "step,sensor,range_m\n0,1,2.2\n0,2,4.5\n1,1,2.2\n2,2,4.4\n");
     write("places.csv", "place,x_m,y_m,heading_rad\n0,3.0,4.0,0.0\n1,3.5,4.0,0.0\n2,4.0,4.0,0.0\n");
     write(
         "paths.csv",

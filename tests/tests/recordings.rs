@@ -75,7 +75,8 @@ fn each_tag_of_a_flight_is_tracked_and_scored_against_its_own_antenna() {
         let rmse = run.score.rmse_m.unwrap();
         println!("{name}: RMSE {rmse:.3} m of {} scored cycles", run.errors_m.len());
         assert_eq!(run.refused, 0);
-        assert!(!run.score.diverged, "{name}: {rmse} m");
+        // One range a cycle, two cycles in three seconds: a tag alone is followed less well than the body with both.
+        assert!(rmse <= 0.75, "{name}: {rmse} m");
     }
 }
 

@@ -60,7 +60,7 @@ fn row<'a>(run: &'a Run, [from, to]: [usize; 2]) -> Row<'a> {
 pub fn run(options: &Options) -> Result<(), Failure> {
     let room = seminar_room(options.seed, options.cycles as usize)?;
     let mut runs = Vec::new();
-    for carrier in [Carrier::First, Carrier::Chosen, LOWEST] {
+    for carrier in [Carrier::First, LOWEST, Carrier::Chosen] {
         let bar = progress(room.cycles(), "tracking");
         runs.push(run_with(&room, carrier, options.seed, || bar.inc(1))?);
         bar.finish_and_clear();
