@@ -1,0 +1,58 @@
+//! `cogmint experiment rooms`: the same rooms and figures on any number of threads, files that are ordinary scenarios,
+//! and a tracker with the true associations that keeps the tag where it can be kept.
+
+use cogmint_tests::{Folder, cogmint, command};
+use serde_json::Value;
+
+const SMALL: [&str; 9] =
+    ["experiment", "rooms", "--count", "3", "--seed", "40", "--family", "stairwell,polygon", "--json"];
+
+#[test]
+fn the_figures_do_not_depend_on_the_number_of_threads() {
+    let folder = Folder::new("rooms-threads");
+    let on = |threads: &str| {
+        let output = command(folder.path(), &SMALL).env("RAYON_NUM_THREADS", threads).output().expect("runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    let (one, three) = (on("1"), on("3"));
+    assert!(one == three);
+    let answer: Value = serde_json::from_slice(&one).expect("is one JSON object");
+    let names: Vec<&str> =
+        answer["trackers"].as_array().unwrap().iter().map(|of| of["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["cogmint", "told", "direct", "ekf"]);
+    assert_eq!(answer["runs"].as_array().unwrap().len(), 3 * names.len());
+    assert_eq!(answer["rooms"], 3);
+}
+
+#[test]
+fn written_rooms_are_scenario_files_and_a_bad_name_writes_none() {
+    let folder = Folder::new("rooms-files");
+    let run = |arguments: &[&str]| cogmint(folder.path(), arguments);
+    let refused = run(&["experiment", "rooms", "--family", "castle", "--write", "none"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(!folder.path().join("none").exists());
+    let drawn = run(&["experiment", "rooms", "--count", "2", "--seed", "7", "--draw", "--write", "some"]);
+    assert!(drawn.status.success());
+    for name in ["some/room-000007.toml", "some/room-000008.toml"] {
+        assert!(run(&["scenario", "check", name]).status.success(), "{name}");
+    }
+}
+
+/// The yardstick itself: in answerable rooms whoever is told the associations keeps the tag, and says how well.
+#[test]
+fn told_associations_keep_the_tag_in_answerable_rooms() {
+    let folder = Folder::new("rooms-told");
+    let arguments =
+        "experiment rooms --count 30 --seed 300 --start 0.25,1 --plan exact,0.1 --only told --json";
+    let output = cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
+    let answer: Value = serde_json::from_slice(&output.stdout).expect("is one JSON object");
+    let answerable = answer["answerable"].as_u64().unwrap();
+    let told = &answer["trackers_answerable"][0];
+    println!("{answerable} answerable: {told}");
+    assert!(answerable >= 10, "{answerable}");
+    assert!(told["lost_share"].as_f64().unwrap() <= 0.07, "{told}");
+    assert!((0.3..4.0).contains(&told["nees_median"].as_f64().unwrap()), "{told}");
+    // No tracker comes below what the frames allow, in the median.
+    assert!(told["ratio_to_bound_median"].as_f64().unwrap() > 1.0, "{told}");
+}
