@@ -7,7 +7,7 @@ use std::process::Command;
 /// Every `cogmint` command as the README writes it, and what is run for it in a folder that holds a scenario
 /// `room.toml`, a recording `r` and the ranges of [`write_inputs`]. `DATA` stands for the recordings that nobody here made:
 /// without them, such a line is left out.
-const COMMANDS: [(&str, &[&str]); 31] = [
+const COMMANDS: [(&str, &[&str]); 32] = [
     ("cogmint", &["--cycles 20"]),
     (
         "cogmint scenario list",
@@ -67,6 +67,12 @@ const COMMANDS: [(&str, &[&str]); 31] = [
         &["experiment tracking --recording r --starts 1"],
     ),
     ("cogmint experiment rooms", &["experiment rooms --count 3 --draw"]),
+    (
+        "cogmint experiment rooms --count 200 --seed 200000 --plan exact,0.1 --start 0.25,1 --interference none",
+        &[
+            "experiment rooms --count 1 --seed 200001 --plan exact,0.1 --start 0.25,1 --interference none --only ekf",
+        ],
+    ),
     (
         "cogmint experiment rooms [--count N] [--seed S] [--family NAME,...] [--plan NAME,...] [--start NAME,...] [--interference NAME,...] [--only TRACKER,...] [--csv FILE] [--write DIR]",
         &[
