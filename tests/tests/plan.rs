@@ -254,6 +254,8 @@ fn constants_for_firmware_are_those_of_the_plan_and_the_core_takes_them() {
     assert_eq!(export.to_rust(), text, "renew the file with `cogmint plan dw3000-office --format rust`");
     assert_eq!(firmware::VIRTUAL_ANCHORS.len(), export.sources.len());
     assert_eq!(firmware::OUTLINE_M.len(), 4);
+    let walls = firmware::WALL_DEVIATIONS.len();
+    assert!(walls >= 4 && firmware::WALL_SEGMENTS_M.iter().all(|(wall, _)| *wall < walls));
     let actions =
         [cogmint_core::controller::library::Action { carrier_hz: 6.4896e9, pulse_duration_s: 2e-9 }];
     let tracker = Tracker::<4, 24, 16, 1>::new(

@@ -54,7 +54,7 @@ pub enum Source {
         /// A virtual anchor that the tracker is told, with a deviation of 0.3 m; may be given many times.
         #[arg(long, value_name = "X,Y", value_parser = position, allow_hyphen_values = true)]
         map: Vec<[f64; 2]>,
-        /// Seed of the told start, which is drawn within 0.1 m of the first place.
+        /// Seed of the told start, which is drawn within 0.2 m of the first place.
         #[arg(long, default_value_t = 1)]
         seed: u64,
         /// Folder of the recording to write.

@@ -142,6 +142,33 @@ impl Export {
             for &corner_m in &plan.outline_m {
                 let _ = writeln!(text, "    {},", point(corner_m));
             }
+            let segments = plan
+                .walls
+                .iter()
+                .enumerate()
+                .flat_map(|(n, wall)| wall.segments_m.iter().map(move |ends| (n, ends)));
+            let _ = write!(
+                text,
+                "];\n\n/// Segments of the walls: index of the wall, and both ends, metres.\n\
+                 pub const WALL_SEGMENTS_M: [(usize, [[f32; 2]; 2]); {}] = [\n",
+                segments.clone().count()
+            );
+            for (wall, [from_m, to_m]) in segments {
+                let _ = writeln!(text, "    ({wall}, [{}, {}]),", point(*from_m), point(*to_m));
+            }
+            let _ = write!(
+                text,
+                "];\n\n/// Per wall the standard deviations of its offset, metres, and of its rotation, radians.\n\
+                 pub const WALL_DEVIATIONS: [[f32; 2]; {}] = [\n",
+                plan.walls.len()
+            );
+            for wall in &plan.walls {
+                let _ = writeln!(
+                    text,
+                    "    [{:?}, {:?}],",
+                    wall.offset_std_m as f32, wall.rotation_std_rad as f32
+                );
+            }
             text.push_str("];\n");
         }
         text

@@ -25,6 +25,7 @@ pub(super) enum Aspect {
     People,
     Obstructions,
     Losses,
+    Receiver,
 }
 
 /// A stream of draws.

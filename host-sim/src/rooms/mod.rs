@@ -233,7 +233,7 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
 
     let tag = tag(seed);
     let anchors = anchors(seed, &space, &extent, &room.corners_m, layout.ceiling_m, tag.height_m);
-    let receiver = Draws::new(seed, Aspect::Radio).weighted(&Receiver::WEIGHTS);
+    let receiver = Draws::new(seed, Aspect::Receiver).weighted(&Receiver::WEIGHTS);
     let radio = radio(seed, receiver, &extent);
     let is_sounder = receiver == Receiver::Sounder;
     let rate_hz = rounded(Draws::new(seed, Aspect::Rate).log_uniform(1.0, 50.0), 1);
@@ -709,6 +709,20 @@ mod tests {
         assert_share("start anywhere", 1.0 / 3.0, &|drawn| drawn.start == Start::Anywhere);
         assert_share("no interference", 0.5, &|drawn| drawn.interference == Disturbance::None);
         assert_share("sounder", 0.4, &|drawn| drawn.radio == Receiver::Sounder);
+        let library = |seed: u64| drawn(seed, &Restriction::default()).scenario.radio.library;
+        for (radio, first) in
+            [(Receiver::Sounder, NamedLibrary::Published), (Receiver::Dw3000, NamedLibrary::Dw3000)]
+        {
+            let of_radio: Vec<&Drawn> = rooms.iter().filter(|drawn| drawn.radio == radio).collect();
+            let named = Some(Library::Named(first));
+            let firsts = of_radio.iter().filter(|drawn| library(drawn.seed) == named).count();
+            let margin = 4.0 * (0.25 * of_radio.len() as f64).sqrt();
+            assert!(
+                (firsts as f64 - 0.5 * of_radio.len() as f64).abs() < margin,
+                "{firsts} of {}",
+                of_radio.len()
+            );
+        }
         assert_share("people", 0.5, &|drawn| drawn.people > 0);
         assert_share("lost frames", 0.5, &|drawn| drawn.lost_frames > 0.0);
         assert!(rooms.iter().all(|drawn| (300..=600).contains(&drawn.cycles)));

@@ -2,18 +2,17 @@
 //! reflections are no information.
 //!
 //! State: position and velocity, and a bias per anchor where the set-up tells of one; white acceleration; the variance
-//! of a range inflated and floored as in the core. First order, nothing gated unless asked for.
+//! of a range inflated and floored as in the core. First order, nothing gated.
 
 use super::gaussian::Gaussian;
-use super::map::{Map, Place};
+use super::map::Map;
 use super::{CycleScans, Estimate, Source, rise_m};
 use crate::recording::Recording;
 use crate::replay::Setup;
 use std::time::Instant;
 
-/// Runs the filter over the scans of a recording; with a gate, ranges that are off by more than so many deviations of
-/// the innovation are left out.
-pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans], gate: Option<f64>) -> Vec<Estimate> {
+/// Runs the filter over the scans of a recording.
+pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Vec<Estimate> {
     let map = Map::new(recording, setup, cycles, |_| None);
     let mut gaussian = Gaussian::prior(&map);
     let ranging = &setup.config.ranging;
@@ -27,12 +26,10 @@ pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans], gate: Op
             };
             let Some(place) = map.place(scan.anchor, Source::Direct, &gaussian.mean) else { continue };
             let rise_m = rise_m(setup, scan.anchor, cycle.tag_height_m);
-            update(&map, scan.anchor, &place, rise_m, &mut gaussian, |expected_m, explained_m2| {
-                let s = explained_m2 + inflation * first.std_m * first.std_m + floor_m * floor_m;
-                let innovation_m = first.range_m - expected_m;
-                let within = gate.is_none_or(|gate| innovation_m * innovation_m <= gate * gate * s);
-                within.then_some((innovation_m, s))
-            });
+            let look = map.look(scan.anchor, &place, rise_m, &gaussian.mean, &gaussian.covariance);
+            let (w, explained_m2) = gaussian.along(&look.slope);
+            let s = explained_m2 + inflation * first.std_m * first.std_m + floor_m * floor_m;
+            gaussian.step(&w, (first.range_m - look.range_m) / s, -1.0 / s);
         }
         gaussian.symmetrise();
         Estimate {
@@ -43,20 +40,4 @@ pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans], gate: Op
         }
     };
     cycles.iter().map(cycle).collect()
-}
-
-/// A range of a source at `place` enters with what `innovation` makes of the expected range and its variance.
-fn update(
-    map: &Map,
-    anchor: usize,
-    place: &Place,
-    rise_m: f64,
-    gaussian: &mut Gaussian,
-    innovation: impl Fn(f64, f64) -> Option<(f64, f64)>,
-) {
-    let look = map.look(anchor, place, rise_m, &gaussian.mean, &gaussian.covariance);
-    let (w, explained_m2) = gaussian.along(&look.slope);
-    if let Some((innovation_m, s)) = innovation(look.range_m, explained_m2) {
-        gaussian.step(&w, innovation_m / s, -1.0 / s);
-    }
 }

@@ -337,7 +337,7 @@ fn three_anchors_in_sight_are_enough_for_the_plain_filter() {
     let tag = [3.4, 2.3];
     let cycles = at_rest(&recording, tag, 100, 0.05, &mut rng);
     recording.virtual_anchors.push(VirtualAnchor::new(0, [3.0, 2.0], 0.1, true));
-    let estimates = first_path_ekf::run(&recording, &setup(&recording), &cycles, None);
+    let estimates = first_path_ekf::run(&recording, &setup(&recording), &cycles);
     let last = estimates.last().expect("there are cycles");
     let [x, y] = last.position_m;
     let [xx, xy, yy] = last.covariance_m2;

@@ -137,8 +137,7 @@ impl Measurement {
     }
 }
 
-/// Factor on the variance that the estimator states, and what is added to it: metres, or pulse lengths.
-const INFLATION: f64 = 1.0;
+/// What is added to the deviation that the estimator states: metres, or pulse lengths.
 const RANGE_FLOOR_M: f64 = 2e-3;
 const FLOOR_M: f64 = 5e-3;
 const FLOOR: f64 = 0.02;
@@ -150,7 +149,7 @@ const WRONG_M: f64 = 1.0;
 /// Shares and variances, square metres, of a path's noise.
 pub(crate) fn noise(scan: &Scan, index: usize) -> [(f64, f64); 3] {
     let path = &scan.paths[index];
-    let stated_m2 = INFLATION * path.std_m * path.std_m;
+    let stated_m2 = path.std_m * path.std_m;
     if scan.pulse_m == 0.0 {
         let r = stated_m2 + RANGE_FLOOR_M * RANGE_FLOOR_M;
         return [(0.9, r), (0.08, 9.0 * r), (0.02, r + WRONG_M * WRONG_M)];

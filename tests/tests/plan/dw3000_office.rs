@@ -72,3 +72,23 @@ pub const OUTLINE_M: [[f32; 2]; 4] = [
     [9.0, 7.0],
     [0.0, 7.0],
 ];
+
+/// Segments of the walls: index of the wall, and both ends, metres.
+pub const WALL_SEGMENTS_M: [(usize, [[f32; 2]; 2]); 6] = [
+    (0, [[0.0, 0.0], [9.0, 0.0]]),
+    (1, [[9.0, 0.0], [9.0, 7.0]]),
+    (2, [[9.0, 7.0], [0.0, 7.0]]),
+    (3, [[0.0, 7.0], [0.0, 0.0]]),
+    (4, [[5.5, 0.0], [5.5, 2.8]]),
+    (5, [[1.5, 6.5], [4.0, 6.5]]),
+];
+
+/// Per wall the standard deviations of its offset, metres, and of its rotation, radians.
+pub const WALL_DEVIATIONS: [[f32; 2]; 6] = [
+    [0.05, 0.008726646],
+    [0.05, 0.008726646],
+    [0.05, 0.008726646],
+    [0.05, 0.008726646],
+    [0.05, 0.008726646],
+    [0.05, 0.008726646],
+];

@@ -61,6 +61,17 @@ pub(super) fn one_of<T: Copy + Send + Sync + 'static>(
     parser.map(move |text| all.iter().copied().find(|&value| name(value) == text).unwrap_or(all[0]))
 }
 
+/// The trackers asked for, each once; the usual ones where none is named.
+pub(super) fn asked(only: &[Tracker]) -> Vec<Tracker> {
+    let mut asked = Vec::new();
+    for &tracker in if only.is_empty() { &Tracker::USUAL } else { only } {
+        if !asked.contains(&tracker) {
+            asked.push(tracker);
+        }
+    }
+    asked
+}
+
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Answer<'a> {
@@ -103,9 +114,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     if options.draw {
         return print_drawn(&rooms, options.json);
     }
-    let trackers: &[Tracker] = if options.only.is_empty() { &Tracker::USUAL } else { &options.only };
+    let trackers = asked(&options.only);
     let bar = progress_of(rooms.len(), "tracking", "rooms");
-    let runs = run_rooms(&rooms, trackers, || bar.inc(1))?;
+    let runs = run_rooms(&rooms, &trackers, || bar.inc(1))?;
     bar.finish_and_clear();
     let rows: Vec<Row> = runs.iter().flat_map(rows).collect();
     if let Some(file) = &options.csv {
@@ -135,7 +146,7 @@ fn rows(room: &RoomRuns) -> impl Iterator<Item = Row<'_>> {
     let trackers = &room.trackers;
     trackers.runs.iter().map(|run| Row {
         drawn: room.drawn,
-        answerable: trackers.answerable,
+        answerable: room.is_answerable(),
         bound_m: trackers.bound_m,
         paths_per_frame: trackers.paths_per_frame,
         direct_detected_least: trackers.direct_detected.iter().copied().fold(1.0, f64::min),
@@ -204,7 +215,7 @@ fn print_drawn(rooms: &[RandomRoom], json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-fn number(value: Option<f64>, digits: usize) -> String {
+pub(super) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"))
 }
 
@@ -289,7 +300,7 @@ fn print_groups(groups: &[Group]) {
 fn print_lost(rooms: &[RoomRuns]) {
     let Some(first) = rooms.first() else { return };
     for (index, run) in first.trackers.runs.iter().enumerate() {
-        let lost = rooms.iter().filter(|room| room.trackers.answerable && room.trackers.runs[index].lost);
+        let lost = rooms.iter().filter(|room| room.is_answerable() && room.trackers.runs[index].lost);
         let seeds: Vec<String> = lost.map(|room| room.drawn.seed.to_string()).collect();
         if !seeds.is_empty() {
             print(&format!("{} lost in answerable rooms: seeds {}", run.tracker, seeds.join(", ")));

@@ -1,6 +1,6 @@
 //! `cogmint experiment trackers`: trackers side by side over recordings.
 
-use super::rooms::one_of;
+use super::rooms::{asked, number, one_of};
 use super::{print, print_json};
 use crate::Failure;
 use cogmint::experiment::side_by_side::{SideBySide, Tracker, run_recording};
@@ -37,14 +37,14 @@ struct Outcome {
 }
 
 pub fn run(options: &Options) -> Result<(), Failure> {
-    let trackers: &[Tracker] = if options.only.is_empty() { &Tracker::USUAL } else { &options.only };
+    let trackers = asked(&options.only);
     let outcomes: Vec<Outcome> = options
         .folders
         .iter()
         .map(|folder| {
             let recording = Recording::read(folder)?;
             let setup = Setup::new(&recording, folder, options.seed)?;
-            let trackers = run_recording(&recording, &setup, folder, trackers, options.anywhere)?;
+            let trackers = run_recording(&recording, &setup, folder, &trackers, options.anywhere)?;
             Ok(Outcome { recording: recording.name, trackers })
         })
         .collect::<Result<_, Failure>>()?;
@@ -53,18 +53,19 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     for Outcome { recording, trackers } in &outcomes {
         let bound = trackers.bound_m.map_or_else(String::new, |bound_m| format!(", bound {bound_m:.3} m"));
-        let answerable = if trackers.answerable { "" } else { "not " };
+        let answerable = match trackers.answerable {
+            Some(true) => "answerable",
+            Some(false) => "not answerable",
+            None => "true paths unknown: nothing to tell `told`, no bound",
+        };
         print(&format!(
-            "{recording}: {:.1} paths per frame, {answerable}answerable{bound}\n",
+            "{recording}: {:.1} paths per frame, {answerable}{bound}\n",
             trackers.paths_per_frame
         ));
         print(
             "tracker      RMSE m   95 % m   lost  lies %  search %  inside 95 %   > 5 sigma %      NEES/dof",
         );
         for run in &trackers.runs {
-            let number = |value: Option<f64>, digits: usize| {
-                value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"))
-            };
             let percent = |share: f64| format!("{:.1}", 100.0 * share);
             print(&format!(
                 "{:<10} {:>8} {:>8} {:>6} {:>7} {:>9} {:>12} {:>13} {:>13}",

@@ -25,6 +25,13 @@ pub struct RoomRuns {
     pub trackers: SideBySide,
 }
 
+impl RoomRuns {
+    /// Whether a tracker with the true associations could keep the tag. Of a simulated room that is always known.
+    pub fn is_answerable(&self) -> bool {
+        self.trackers.answerable == Some(true)
+    }
+}
+
 /// Runs the trackers in a room.
 ///
 /// # Errors

@@ -82,8 +82,7 @@ pub struct Summary {
 impl Summary {
     /// Of these rooms.
     pub fn new(rooms: &[&RoomRuns]) -> Self {
-        let answerable: Vec<&RoomRuns> =
-            rooms.iter().copied().filter(|room| room.trackers.answerable).collect();
+        let answerable: Vec<&RoomRuns> = rooms.iter().copied().filter(|room| room.is_answerable()).collect();
         Self {
             rooms: rooms.len(),
             answerable: answerable.len(),
@@ -137,7 +136,7 @@ fn figures(rooms: &[&RoomRuns]) -> Vec<TrackerFigures> {
 fn tracker_figures(name: &str, index: usize, rooms: &[&RoomRuns]) -> TrackerFigures {
     let runs: Vec<&Run> = rooms.iter().map(|room| &room.trackers.runs[index]).collect();
     let answerable: Vec<&Run> =
-        rooms.iter().filter(|room| room.trackers.answerable).map(|room| &room.trackers.runs[index]).collect();
+        rooms.iter().filter(|room| room.is_answerable()).map(|room| &room.trackers.runs[index]).collect();
     let lost = |runs: &[&Run]| mean(runs.iter().map(|run| f64::from(u8::from(run.lost))));
     let rmse = |runs: &[&Run]| quantile(0.5, runs.iter().map(|run| run.rmse_m.unwrap_or(f64::INFINITY)));
     let share = |of: fn(&Run) -> f64| mean(runs.iter().map(|run| of(run)));

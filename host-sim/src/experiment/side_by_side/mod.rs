@@ -54,7 +54,7 @@ impl Tracker {
             Tracker::Cogmint => trackers::core::run(setup, recording, file),
             Tracker::Direct => trackers::core::run(&setup.clone().without_reflections(), recording, file),
             Tracker::Told => Ok(trackers::told::run(recording, setup, cycles)),
-            Tracker::Ekf => Ok(trackers::first_path_ekf::run(recording, setup, cycles, None)),
+            Tracker::Ekf => Ok(trackers::first_path_ekf::run(recording, setup, cycles)),
             Tracker::Particles => {
                 Ok(trackers::particles::run(recording, setup, cycles, trackers::particles::PARTICLES, 1))
             }
@@ -67,8 +67,8 @@ impl Tracker {
 pub struct SideBySide {
     /// Whether a tracker with the true associations could keep the tag: the posterior bound along the true way, from the
     /// paths that were detected and the deviations told, is below 0.3 m in 90 % of the cycles. No tracker enters into it;
-    /// without true paths it is false.
-    pub answerable: bool,
+    /// none where the true paths are unknown.
+    pub answerable: Option<bool>,
     /// Root mean square over the cycles of the least error that the frames allow, metres; none where it is unbounded or the
     /// true paths are unknown.
     pub bound_m: Option<f64>,
@@ -84,7 +84,8 @@ pub struct SideBySide {
 }
 
 /// Runs the trackers over a recording with at least one cycle of known truth; `file` is named in messages.
-/// `starts_anywhere`: see [`Run::new`].
+/// `starts_anywhere`: see [`Run::new`]. Where no true path is known, [`Tracker::Told`] has nothing to be told and is
+/// left out.
 ///
 /// # Errors
 /// The core refuses what the recording gives, or no cycle's true position is known.
@@ -101,10 +102,11 @@ pub fn run_recording(
     };
     let cycles = trackers::scans(recording, setup);
     let bound_m = bound::frames(recording, setup, &cycles);
-    let answerable = bound::answerable(&bound::detected(recording, setup, &cycles));
+    let has_true_paths = recording.cycles.iter().any(|cycle| !cycle.truth_paths.is_empty());
+    let answerable = has_true_paths.then(|| bound::answerable(&bound::detected(recording, setup, &cycles)));
     let mut runs = Vec::new();
     let mut seconds = Vec::new();
-    for &tracker in trackers {
+    for &tracker in trackers.iter().filter(|tracker| has_true_paths || **tracker != Tracker::Told) {
         let begin = std::time::Instant::now();
         let estimates = tracker.run(recording, setup, &cycles, file)?;
         seconds.push(begin.elapsed().as_secs_f64());

@@ -60,9 +60,11 @@ pub struct Run {
 }
 
 impl Run {
-    /// The figures of a tracker over the cycles of a room, of which there must be one at least.
+    /// The figures of a tracker over the cycles of a room, of which there must be one at least. Where the start is anywhere
+    /// and the whole run is shorter than 5 s, nothing is left out.
     pub fn new(tracker: &'static str, cycles: &[Judged], starts_anywhere: bool) -> Self {
-        let settled_s = if starts_anywhere { SETTLING_S } else { 0.0 };
+        let lasts = |time_s: f64| cycles.last().is_some_and(|last| last.time_s >= time_s);
+        let settled_s = if starts_anywhere && lasts(SETTLING_S) { SETTLING_S } else { 0.0 };
         let settled: Vec<&Judged> = cycles.iter().filter(|cycle| cycle.time_s >= settled_s).collect();
         let errors_m: Vec<f64> = settled.iter().map(|cycle| cycle.error_m()).collect();
         let score = Score::new(errors_m.len(), &errors_m, 0.0);
@@ -185,6 +187,7 @@ mod tests {
         assert!((Run::new("x", &all, true).rmse_m.unwrap() - 0.1).abs() < 1e-9);
         assert_eq!(Run::new("x", &all, true).first_known_s, Some(5.0));
         assert_eq!(Run::new("x", &all, true).searching, 0.5);
+        assert!(Run::new("x", &all[..49], true).lost, "a run shorter than that counts whole");
     }
 
     #[test]
