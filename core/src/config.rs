@@ -1,14 +1,14 @@
 //! Configuration: plain data, every field with its unit, its range and what more or less of it does.
 
-use crate::controller::library::Action;
 use crate::controller::planning::LONGEST_HORIZON;
 use crate::controller::policy::Choice;
 use crate::controller::reward::Reward;
 use crate::controller::value::Learning;
 use crate::error::{Error, Setting};
+use crate::model::motion::Motion;
 use crate::perceptor::association::Mode;
-use crate::perceptor::state_filter::Motion;
-use crate::pulse::{Pulse, PulseShape};
+use crate::radio::library::Action;
+use crate::radio::pulse::{Pulse, PulseShape};
 
 /// Where the tag is believed to be before the first cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +37,13 @@ pub struct Ranging {
     pub bias_std_m: f32,
     /// Ranges beyond this are refused, metres (1 to 1e4).
     pub max_range_m: f32,
+}
+
+impl Ranging {
+    /// The variance the filter works with: inflated, and never below the floor.
+    pub(crate) fn measurement_variance_m2(&self, variance_m2: f32) -> f32 {
+        self.variance_inflation * variance_m2 + self.floor_m * self.floor_m
+    }
 }
 
 /// What association assumes.

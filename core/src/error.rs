@@ -25,6 +25,10 @@ pub enum Error {
         /// The capacity.
         limit: usize,
     },
+    /// A cycle is begun that was not finished.
+    AlreadyBegun,
+    /// No cycle is begun.
+    NotBegun,
     /// An anchor's or a virtual anchor's geometry is not finite or out of range.
     Geometry {
         /// Index in the list given.
@@ -104,7 +108,7 @@ pub enum Error {
         /// Index in the scan.
         index: usize,
     },
-    /// More ranges in one scan than [`crate::observation::LONGEST_SCAN`].
+    /// More ranges in one scan than [`crate::model::observation::LONGEST_SCAN`].
     RangeCount {
         /// The anchor.
         anchor: usize,
@@ -174,6 +178,8 @@ impl fmt::Display for Error {
             }
             Error::UnknownAnchor { anchor } => write!(f, "there is no anchor {anchor}"),
             Error::UnknownAction { action } => write!(f, "there is no action {action} in the library"),
+            Error::AlreadyBegun => write!(f, "a cycle is begun that was not finished"),
+            Error::NotBegun => write!(f, "no cycle is begun"),
             Error::DuplicateFrame { anchor } => write!(f, "anchor {anchor} delivered the same frame twice"),
             Error::Time { elapsed_s } => {
                 write!(f, "{elapsed_s} s since the last cycle: time must advance, by at most an hour")

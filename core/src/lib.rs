@@ -6,12 +6,12 @@
 //!
 //! # Layers
 //!
-//! - [`cycle::Tracker`]: the whole perception-action cycle in one call. For firmware that wants a position.
+//! - [`tracker::Tracker`]: the whole perception-action cycle in one call. For firmware that wants a position.
 //! - [`perceptor`]: channel estimator, association, state filter, discovery. Each can be used alone.
 //! - [`memory`], [`information`], [`controller`]: what is remembered, what a measurement tells, what to do next.
 //! - [`application`], optional: where to go next.
 //!
-//! Every layer is public and documented. Input comes as [`observation`]s; [`config::Config`] is plain data. The
+//! Every layer is public and documented. Input comes as [`model::observation`]s; [`config::Config`] is plain data. The
 //! tracker checks everything it is given: bad input is an [`Error`] and changes nothing. The stages below it never
 //! panic, but work on what they get: finite numbers within the ranges that [`config::Config`] documents.
 //!
@@ -21,8 +21,8 @@
 //! the arithmetic contract and [`trace`] for how it is checked.
 //!
 //! ```
-//! use cogmint_core::controller::library::LIBRARY_PUBLISHED;
-//! use cogmint_core::observation::{Observation, Range, RangeScan};
+//! use cogmint_core::radio::library::LIBRARY_PUBLISHED;
+//! use cogmint_core::model::observation::{Observation, Range, RangeScan};
 //! use cogmint_core::{Anchor, Config, Tracker};
 //!
 //! let anchors = [
@@ -45,24 +45,23 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod anchor;
 pub mod application;
 pub mod config;
 pub mod controller;
-pub mod cycle;
 mod error;
 pub mod information;
 pub mod memory;
-pub mod observation;
+pub mod model;
 pub mod observer;
 pub mod perceptor;
-pub mod pulse;
+pub mod radio;
 pub mod real;
 pub mod report;
 pub mod trace;
+pub mod tracker;
 
-pub use anchor::{Anchor, MappedVirtualAnchor};
 pub use config::{Config, Variant};
-pub use cycle::Tracker;
 pub use error::{Error, Setting};
+pub use model::anchor::{Anchor, MappedVirtualAnchor};
 pub use report::CycleReport;
+pub use tracker::Tracker;

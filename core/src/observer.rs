@@ -1,8 +1,9 @@
 //! Watching a cycle from inside.
 
-use crate::perceptor::association::{Beliefs, Measurement};
+use crate::model::measurement::Measurement;
+use crate::model::range::Regression;
+use crate::perceptor::association::Beliefs;
 use crate::perceptor::channel_estimator::ChannelEstimate;
-use crate::perceptor::state_filter::Regression;
 
 /// The stages of a cycle, for those who watch it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! What a cycle reports.
 
-use crate::controller::library::Action;
+use crate::radio::library::Action;
 use nalgebra::Matrix2;
 
 /// What a cycle did.
@@ -49,4 +49,15 @@ pub struct CycleReport {
     pub announced_action: Option<usize>,
     /// The next action, carrier and pulse.
     pub next: Action,
+}
+
+/// What has become of the map in a cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MapChanges {
+    /// Virtual anchors discovered.
+    pub discovered: u32,
+    /// Virtual anchors forgotten, including those that gave way to a discovery.
+    pub forgotten: u32,
+    /// Discoveries dropped because the map was full.
+    pub map_full: u32,
 }

@@ -9,9 +9,9 @@
 
 use crate::SAMPLES;
 use crate::host::File;
-use cogmint_core::controller::library::Action;
-use cogmint_core::observation::{Complex, Frame, Observation, Range, RangeScan, Samples};
-use cogmint_core::pulse::{PULSE_SAMPLES, PulseShape};
+use cogmint_core::model::observation::{Complex, Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::radio::library::Action;
+use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 use heapless::Vec;
 

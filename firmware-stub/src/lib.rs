@@ -8,7 +8,7 @@ pub mod feed;
 pub mod host;
 pub mod meter;
 
-use cogmint_core::observation::Complex;
+use cogmint_core::model::observation::Complex;
 use core::cell::UnsafeCell;
 
 /// Room for the samples of one cycle: two anchors.

@@ -13,7 +13,7 @@ use cogmint_board::host::{self, Fault, Line};
 use cogmint_board::meter::{StageMeter, stack};
 use cogmint_board::{FRAMES, Once, SAMPLES};
 use cogmint_core::Tracker;
-use cogmint_core::observation::Complex;
+use cogmint_core::model::observation::Complex;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;

@@ -2,10 +2,10 @@
 
 use crate::input_error::InputError;
 use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
-use cogmint_core::controller::library::Action;
-use cogmint_core::observation::{Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples};
 use cogmint_core::observer::Observer;
-use cogmint_core::pulse::PulseShape;
+use cogmint_core::radio::library::Action;
+use cogmint_core::radio::pulse::PulseShape;
 use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Setting, Tracker, Variant};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;

@@ -6,7 +6,7 @@ use crate::floor_plan::{self, FloorPlan};
 use crate::input_error::InputError;
 use crate::recording::{self, Recording, TruthPath};
 use crate::scenario::{Log, Pulse, Scenario, Schedule, Window};
-use cogmint_core::pulse::PULSE_SAMPLES;
+use cogmint_core::radio::pulse::PULSE_SAMPLES;
 use rand_core::Rng;
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;

@@ -3,8 +3,8 @@
 use crate::input_error::InputError;
 use crate::recording::Recording;
 use crate::replay::{CycleInput, PATHS, SMALL_ANCHORS, Setup, Step, inputs, step};
-use cogmint_core::observation::{Observation, Samples};
-use cogmint_core::pulse::PulseShape;
+use cogmint_core::model::observation::{Observation, Samples};
+use cogmint_core::radio::pulse::PulseShape;
 use std::path::Path;
 
 /// Hash over all state after each cycle of a recording of at most two anchors, in the tracker of the target.

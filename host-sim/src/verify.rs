@@ -13,8 +13,9 @@ use crate::reference::cycle::Intermediates;
 use crate::reference::{Capacity, Reference};
 use crate::replay::{ACTIONS, LARGE_ANCHORS, PATHS, SMALL_ANCHORS, Setup, Step, VAS, inputs, step};
 use cogmint_core::Tracker;
+use cogmint_core::model::measurement::Measurement;
 use cogmint_core::observer::Observer;
-use cogmint_core::perceptor::association::{Belief, Beliefs, Measurement};
+use cogmint_core::perceptor::association::{Belief, Beliefs};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimate;
 use cogmint_core::trace::TraceHash;
 use serde::Serialize;
@@ -421,7 +422,7 @@ impl Comparison {
         core: &Beliefs<VAS, PATHS>,
         reference: &crate::reference::cycle::AssociatedScan<f32>,
     ) {
-        use cogmint_core::perceptor::state_filter::Source;
+        use cogmint_core::model::source::Source;
         let stage = "associate";
         let theirs = &reference.beliefs;
         let features: Vec<&Belief<PATHS>> = core.features().collect();
@@ -737,6 +738,7 @@ impl ErrorGrowth {
 
 #[cfg(test)]
 mod tests {
+    use cogmint_core::model::channel::ChannelKnowledge as _;
     use super::*;
     use crate::recording::{
         Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
@@ -744,10 +746,10 @@ mod tests {
     use crate::reference::pulse::Pulse;
     use cogmint_core::Variant;
     use cogmint_core::controller::reward::Reward;
-    use cogmint_core::observation::LONGEST_SCAN;
+    use cogmint_core::model::observation::LONGEST_SCAN;
+    use cogmint_core::model::source::Source;
     use cogmint_core::perceptor::association::Mode;
-    use cogmint_core::perceptor::state_filter::Source;
-    use cogmint_core::pulse::PulseShape;
+    use cogmint_core::radio::pulse::PulseShape;
     use rand_core::{Rng, SeedableRng};
     use rand_xoshiro::Xoshiro128PlusPlus;
 

@@ -2,10 +2,10 @@
 //!
 //! Every frame is drawn from its number alone, so that a failure names the frame that shows it.
 
-use cogmint_core::controller::library::Action;
-use cogmint_core::observation::{Complex, Frame, Observation, SampleFault, Samples};
+use cogmint_core::model::observation::{Complex, Frame, Observation, SampleFault, Samples};
 use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator};
-use cogmint_core::pulse::{Pulse, SUPPORT};
+use cogmint_core::radio::library::Action;
+use cogmint_core::radio::pulse::{Pulse, SUPPORT};
 use cogmint_core::{Anchor, Config, Error, Tracker};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;

@@ -1,7 +1,10 @@
 //! The state filter's problem at full size: 52 states, 26 ranges per step. A tag walks a loop between two physical
 //! anchors and 24 virtual ones; every anchor is heard at every step.
 
-use cogmint_core::perceptor::state_filter::{Innovation, Motion, Sight, Source, StateFilter};
+use cogmint_core::model::motion::Motion;
+use cogmint_core::model::source::{Sight, Source};
+use cogmint_core::perceptor::association::outcome::Innovation;
+use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_core::trace::TraceHash;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -125,7 +128,7 @@ pub fn step(filter: &mut StateFilter<ANCHORS, VAS>, ranges_m: &[f32; RANGES]) {
     filter.update(lines.into_iter().flatten().zip(ranges_m).map(|(regression, range_m)| {
         let nu = range_m - regression.range_m;
         let variance_m2 = RANGE_STD_M * RANGE_STD_M;
-        Innovation { regression, weight: 1.0, first_m: nu, second_m2: nu * nu, variance_m2 }
+        Innovation::hard(regression, nu, variance_m2)
     }));
 }
 

@@ -3,13 +3,13 @@
 
 use cogmint_core::Config;
 use cogmint_core::config::Radio;
-use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
-use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Outlook, Scene, Visible};
+use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, PlanningState, Visible};
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::ChannelMemory;
-use cogmint_core::perceptor::state_filter::Source;
-use cogmint_core::pulse::PulseShape;
+use cogmint_core::model::source::Source;
+use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
+use cogmint_core::radio::pulse::PulseShape;
 use cogmint_core::trace::TraceHash;
 use nalgebra::{Matrix2, Matrix4};
 use rand_core::{Rng, SeedableRng};
@@ -88,7 +88,7 @@ impl Problem {
         }
         let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_std_m_s2, ..] = OUTLOOK;
         let [.., variance_inflation, range_floor_m, roll_off, threshold] = OUTLOOK;
-        let outlook = Outlook {
+        let outlook = PlanningState {
             position_m: [x, y],
             velocity_m_s: [u, v],
             covariance: Matrix4::from_diagonal(&[xx, yy, uu, vv].into()),
@@ -104,7 +104,7 @@ impl Problem {
         };
         let planned = std::array::from_fn(|action| action % 2 == 0);
         let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };
-        let scene = Scene::new(horizon, &outlook, &memory, &library);
+        let scene = Planner::new(horizon, &outlook, &memory, &library);
         let given = [PositionInformation::default(); LONGEST_HORIZON];
         let rewards = scene.plan(&planned, visible.into_iter(), &given);
         let mut hash = TraceHash::default();

@@ -2,7 +2,9 @@
 //! beyond the memory of the exact solution.
 
 use cogmint::reference::association as twin;
-use cogmint_core::perceptor::association::{Clutter, Expectation, Joint, Measurement, associate};
+use cogmint_core::model::measurement::{Clutter, Measurement};
+use cogmint_core::perceptor::association::{Joint, associate};
+use cogmint_core::perceptor::expectation::Expectation;
 use heapless::Vec;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;

@@ -1,9 +1,9 @@
 //! What bad input gets: a typed error that names it, and a state unchanged to the bit.
 
-use cogmint_core::controller::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::controller::reward::Reward;
-use cogmint_core::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples};
-use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::model::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::source::Source;
+use cogmint_core::radio::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
 
 type Small = Tracker<2, 4, 8, 40>;

@@ -2,9 +2,9 @@
 
 use cogmint::channel::pulse::PulseSpectrum;
 use cogmint::experiment::response::{Dense, ResponseMaker};
-use cogmint_core::observation::Samples;
+use cogmint_core::model::observation::Samples;
 use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator};
-use cogmint_core::pulse::{Pulse, PulseShape};
+use cogmint_core::radio::pulse::{Pulse, PulseShape};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use rayon::prelude::*;

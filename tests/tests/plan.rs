@@ -256,8 +256,7 @@ fn constants_for_firmware_are_those_of_the_plan_and_the_core_takes_them() {
     assert_eq!(firmware::OUTLINE_M.len(), 4);
     let walls = firmware::WALL_DEVIATIONS.len();
     assert!(walls >= 4 && firmware::WALL_SEGMENTS_M.iter().all(|(wall, _)| *wall < walls));
-    let actions =
-        [cogmint_core::controller::library::Action { carrier_hz: 6.4896e9, pulse_duration_s: 2e-9 }];
+    let actions = [cogmint_core::radio::library::Action { carrier_hz: 6.4896e9, pulse_duration_s: 2e-9 }];
     let tracker = Tracker::<4, 24, 16, 1>::new(
         Config::default(),
         &firmware::ANCHORS,

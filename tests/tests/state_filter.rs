@@ -2,7 +2,11 @@
 //! covariance's definiteness over many cycles.
 
 use cogmint::reference::state_filter as twin;
-use cogmint_core::perceptor::state_filter::{Innovation, Motion, Sight, Source, StateFilter};
+use cogmint_core::model::motion::Motion;
+use cogmint_core::model::soft_update::Moments;
+use cogmint_core::model::source::{Sight, Source};
+use cogmint_core::perceptor::association::outcome::Innovation;
+use cogmint_core::perceptor::state_filter::StateFilter;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -77,7 +81,7 @@ fn innovation<const A: usize, const V: usize>(
     let sight = Sight { anchor_m: ANCHORS[source.anchor()], height_m: 0.0 };
     let regression = filter.regress(source, &sight).expect("an occupied source");
     let nu = range_m - regression.range_m;
-    Innovation { regression, weight: 1.0, first_m: nu, second_m2: nu * nu, variance_m2 }
+    Innovation::hard(regression, nu, variance_m2)
 }
 
 #[test]
@@ -194,13 +198,8 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
                     let regression = filter.regress(source, &Sight { anchor_m, height_m: 0.5 }).unwrap();
                     let nu = range_m - regression.range_m;
                     let variance_m2 = (deviation * deviation) as f32;
-                    Innovation {
-                        regression,
-                        weight,
-                        first_m: weight * nu,
-                        second_m2: weight * nu * nu,
-                        variance_m2,
-                    }
+                    let moments = Moments { weight, first_m: weight * nu, second_m2: weight * nu * nu };
+                    Innovation { regression, moments, variance_m2 }
                 };
                 to_ours.push(update(&ours, own, place));
                 to_theirs.push(update(&theirs, other, place));
@@ -267,7 +266,8 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 let first_m = weight * 0.1 * noise.normal() as f32;
                 let second_m2 = first_m * first_m / weight + 0.01 * noise.uniform() as f32;
                 let variance_m2 = 1e-4;
-                ours.push(Innovation { regression: line, weight, first_m, second_m2, variance_m2 });
+                let moments = Moments { weight, first_m, second_m2 };
+                ours.push(Innovation { regression: line, moments, variance_m2 });
                 theirs.push(twin::Innovation {
                     regression: reference_line,
                     weight,
@@ -449,7 +449,7 @@ fn range_biases_are_found_while_the_tag_moves() {
                 let sight = Sight { anchor_m: anchors[anchor], height_m: 0.0 };
                 let regression = filter.regress(Source::Direct { anchor }, &sight).unwrap();
                 let nu = range as f32 - regression.range_m;
-                Innovation { regression, weight: 1.0, first_m: nu, second_m2: nu * nu, variance_m2: 0.0025 }
+                Innovation::hard(regression, nu, 0.0025)
             })
             .collect();
         filter.update(innovations);

@@ -30,14 +30,14 @@
 //! [`crate::controller::planning`], a path counts by the probability that it is visible and found, and correlations of
 //! tag and virtual anchors are left out.
 
-use crate::controller::library::Library;
-use crate::controller::planning::{Outlook, Visible};
-use crate::cycle::Tracker;
+use crate::controller::planning::{PlanningState, Visible};
 use crate::information::entropy::{position_block, position_entropy_nat};
 use crate::information::fisher::{PositionInformation, range_slope};
-use crate::memory::channel::ChannelMemory;
-use crate::perceptor::association::detection_probability;
-use crate::perceptor::state_filter::{Source, predict_agent};
+use crate::model::channel::ChannelKnowledge;
+use crate::model::detection::detection_probability;
+use crate::model::motion::predicted;
+use crate::model::source::Source;
+use crate::radio::library::Library;
 use crate::real::{abs, larger, smaller, sqrt};
 use core::fmt;
 use nalgebra::Matrix4;
@@ -119,7 +119,7 @@ pub enum WaypointError {
     /// The tag's height is not finite or beyond a kilometre.
     TagHeight,
     /// Position or covariance to start from are not finite.
-    Outlook,
+    Start,
     /// It is not known where the tag is: its covariance says nothing yet.
     Acquiring,
 }
@@ -141,7 +141,7 @@ impl fmt::Display for WaypointError {
             Self::Weight => write!(f, "the weight of the entropy is out of range"),
             Self::Action => write!(f, "there is no such action in the library"),
             Self::TagHeight => write!(f, "the tag's height is out of range"),
-            Self::Outlook => write!(f, "position and covariance to start from are not finite"),
+            Self::Start => write!(f, "position and covariance to start from are not finite"),
             Self::Acquiring => write!(f, "it is not known yet where the tag is"),
         }
     }
@@ -150,47 +150,47 @@ impl fmt::Display for WaypointError {
 impl core::error::Error for WaypointError {}
 
 /// Chooses one of `candidates` (positions, metres; 1 to [`MOST_CANDIDATES`]) on the way to `goal`, by what the memories
-/// know. `visible` are the sources with the action each is received with; `outlook` is where the tag starts; its
+/// know. `visible` are the sources with the action each is received with; `state` is where the tag starts; its
 /// velocity and its length of a cycle are not used, since the way is the one to the candidate and `settings` has the
 /// period.
 ///
 /// # Errors
 /// The first bad input.
-pub fn choose_waypoint<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
+pub fn choose_waypoint<const ACTIONS: usize>(
     candidates: &[[f32; 2]],
     goal: Option<[f32; 2]>,
     settings: &WaypointSettings,
-    outlook: &Outlook,
+    state: &PlanningState,
     visible: impl Iterator<Item = (Visible, usize)> + Clone,
-    memory: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    channel: &impl ChannelKnowledge,
     library: &Library<ACTIONS>,
 ) -> Result<WaypointChoice, WaypointError> {
-    check(candidates, goal, settings, outlook)?;
+    check(candidates, goal, settings, state)?;
     if visible.clone().any(|(_, action)| library.get(action).is_none()) {
         return Err(WaypointError::Action);
     }
     let mut units_m2 = [0.0; ACTIONS];
     for (action, unit_m2) in units_m2.iter_mut().enumerate() {
         if let Some(entry) = library.get(action) {
-            *unit_m2 = outlook.variance_inflation * outlook.radio.pulse(entry).range_variance_m2(1.0);
+            *unit_m2 = state.variance_inflation * state.radio.pulse(entry).range_variance_m2(1.0);
         }
     }
-    let ranging = Ranging {
-        memory,
+    let ranging = RangeQuality {
+        channel,
         units_m2,
-        floor_m2: outlook.range_floor_m * outlook.range_floor_m,
-        threshold: outlook.threshold,
+        floor_m2: state.range_floor_m * state.range_floor_m,
+        threshold: state.threshold,
         period_s: settings.period_s,
     };
     let mut ways = [Way::default(); MOST_CANDIDATES];
     let mut lowest_nat = f32::INFINITY;
     for (index, (&candidate, way)) in candidates.iter().zip(&mut ways).enumerate() {
-        let Some(cycles) = cycles_to(candidate, outlook.position_m, settings) else {
+        let Some(cycles) = cycles_to(candidate, state.position_m, settings) else {
             return Err(WaypointError::TooFar { index });
         };
         let mut walker =
-            Walker { place_m: outlook.position_m, covariance: outlook.covariance, way: Way::default() };
-        walker.walk(candidate, cycles, 1, outlook, visible.clone(), &ranging);
+            Walker { place_m: state.position_m, covariance: state.covariance, way: Way::default() };
+        walker.walk(candidate, cycles, 1, state, visible.clone(), &ranging);
         walker.way.arrival_nat = walker.entropy_nat();
         if let Some(goal) = goal {
             walker.way.remaining_m = distance_m(candidate, goal);
@@ -200,7 +200,7 @@ pub fn choose_waypoint<const ANCHORS: usize, const VAS: usize, const ACTIONS: us
                 let to_m = toward(candidate, goal, looked_at / whole);
                 let cycles = (looked_at - ROUNDING) as u32 + 1;
                 let stretch = cycles.div_ceil(PLACES_TO_GOAL);
-                walker.walk(to_m, cycles, stretch, outlook, visible.clone(), &ranging);
+                walker.walk(to_m, cycles, stretch, state, visible.clone(), &ranging);
             }
         }
         lowest_nat = smaller(lowest_nat, walker.way.lowest_nat);
@@ -210,7 +210,7 @@ pub fn choose_waypoint<const ANCHORS: usize, const VAS: usize, const ACTIONS: us
     for (index, (&candidate, way)) in candidates.iter().zip(&ways).enumerate() {
         let cost_m = match goal {
             Some(_) => {
-                let length_m = distance_m(outlook.position_m, candidate) + way.remaining_m;
+                let length_m = distance_m(state.position_m, candidate) + way.remaining_m;
                 length_m + settings.metres_per_nat * (way.integral_m_nat - lowest_nat * way.judged_m)
             }
             None => settings.metres_per_nat * way.arrival_nat,
@@ -227,51 +227,9 @@ pub fn choose_waypoint<const ANCHORS: usize, const VAS: usize, const ACTIONS: us
     best.ok_or(WaypointError::NoCandidates)
 }
 
-impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
-    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
-{
-    /// Chooses one of `candidates` (positions, metres) on the way to `goal`, by all that the tracker knows after its
-    /// last cycle and with the carrier of the next one. Changes nothing.
-    ///
-    /// # Errors
-    /// The first bad input, or [`WaypointError::Acquiring`] while it is not known where the tag is.
-    pub fn choose_waypoint(
-        &self,
-        candidates: &[[f32; 2]],
-        goal: Option<[f32; 2]>,
-        tag_height_m: Option<f32>,
-        settings: &WaypointSettings,
-    ) -> Result<WaypointChoice, WaypointError> {
-        if self.acquisition().is_some() {
-            return Err(WaypointError::Acquiring);
-        }
-        // Written so that NaN fails.
-        if !tag_height_m.is_none_or(|height_m| abs(height_m) <= 1000.0) {
-            return Err(WaypointError::TagHeight);
-        }
-        let config = self.config();
-        let outlook = Outlook {
-            position_m: self.filter().position_m(),
-            velocity_m_s: self.filter().velocity_m_s(),
-            covariance: self.filter().agent_covariance(),
-            elapsed_s: settings.period_s,
-            acceleration_std_m_s2: config.motion.acceleration_std_m_s2,
-            variance_inflation: config.ranging.variance_inflation,
-            range_floor_m: config.ranging.floor_m,
-            radio: config.radio,
-            threshold: self.threshold(),
-        };
-        let sources = self.sources(tag_height_m).filter_map(|sight| {
-            let controller = self.controller_of(sight.source.anchor())?;
-            Some((sight, controller.action_index()))
-        });
-        choose_waypoint(candidates, goal, settings, &outlook, sources, self.channel(), self.library())
-    }
-}
-
 /// What ranges are worth.
-struct Ranging<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> {
-    memory: &'a ChannelMemory<ANCHORS, VAS, ACTIONS>,
+struct RangeQuality<'a, C, const ACTIONS: usize> {
+    channel: &'a C,
     /// Variance of a range at SINR 1, by action, square metres.
     units_m2: [f32; ACTIONS],
     floor_m2: f32,
@@ -283,7 +241,7 @@ fn check(
     candidates: &[[f32; 2]],
     goal: Option<[f32; 2]>,
     settings: &WaypointSettings,
-    outlook: &Outlook,
+    state: &PlanningState,
 ) -> Result<(), WaypointError> {
     // Written so that NaN fails.
     let within = |[x, y]: [f32; 2]| abs(x) <= REACH_M && abs(y) <= REACH_M;
@@ -309,9 +267,9 @@ fn check(
         return Err(WaypointError::Weight);
     }
     // The tag itself may have drifted a little out of reach.
-    let [x, y] = outlook.position_m;
-    let known = abs(x) <= 1e6 && abs(y) <= 1e6 && outlook.covariance.iter().all(|entry| abs(*entry) <= 1e12);
-    if known { Ok(()) } else { Err(WaypointError::Outlook) }
+    let [x, y] = state.position_m;
+    let known = abs(x) <= 1e6 && abs(y) <= 1e6 && state.covariance.iter().all(|entry| abs(*entry) <= 1e12);
+    if known { Ok(()) } else { Err(WaypointError::Start) }
 }
 
 fn distance_m([x, y]: [f32; 2], [u, v]: [f32; 2]) -> f32 {
@@ -379,14 +337,14 @@ impl Walker {
 
     /// Walks straight on to `to_m`, in so many cycles; the information is looked at once for `stretch` of them, in
     /// their middle.
-    fn walk<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
+    fn walk<const ACTIONS: usize>(
         &mut self,
         to_m: [f32; 2],
         cycles: u32,
         stretch: u32,
-        outlook: &Outlook,
+        state: &PlanningState,
         visible: impl Iterator<Item = (Visible, usize)> + Clone,
-        ranging: &Ranging<'_, ANCHORS, VAS, ACTIONS>,
+        ranging: &RangeQuality<'_, impl ChannelKnowledge, ACTIONS>,
     ) {
         let (from_m, whole) = (self.place_m, cycles as f32);
         let step_m = distance_m(from_m, to_m) / whole;
@@ -396,10 +354,10 @@ impl Walker {
             if cycle > looked_at {
                 let middle = smaller(cycle as f32 + 0.5 * (stretch as f32 - 1.0), whole);
                 let place_m = toward(from_m, to_m, middle / whole);
-                information = ranging.information(visible.clone(), outlook.position_m, place_m);
+                information = ranging.information(visible.clone(), state.position_m, place_m);
                 looked_at += stretch;
             }
-            let predicted = predict_agent(&self.covariance, ranging.period_s, outlook.acceleration_std_m_s2);
+            let predicted = predicted(&self.covariance, ranging.period_s, state.acceleration_std_m_s2);
             self.covariance = information.posterior(&predicted);
             let entropy_nat = self.entropy_nat();
             self.way.lowest_nat = smaller(self.way.lowest_nat, entropy_nat);
@@ -410,7 +368,7 @@ impl Walker {
     }
 }
 
-impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Ranging<'_, ANCHORS, VAS, ACTIONS> {
+impl<C: ChannelKnowledge, const ACTIONS: usize> RangeQuality<'_, C, ACTIONS> {
     /// What all sources tell in a cycle at `place_m`, while the tag is at `present_m`.
     fn information(
         &self,
@@ -418,17 +376,16 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Ranging<'_, A
         present_m: [f32; 2],
         place_m: [f32; 2],
     ) -> PositionInformation {
-        let mut blind = [false; ANCHORS];
-        for (sight, _) in visible.clone() {
-            if let Source::Direct { anchor } = sight.source
-                && let Some(blind) = blind.get_mut(anchor)
-            {
-                *blind = squared_distance_m2(&sight, place_m) < BLIND_M * BLIND_M;
-            }
-        }
+        let anchors = visible.clone().map(|(sight, _)| sight);
+        let is_blind = |anchor: usize| {
+            anchors.clone().any(|sight| {
+                sight.source == Source::Direct { anchor }
+                    && squared_distance_m2(&sight, place_m) < BLIND_M * BLIND_M
+            })
+        };
         let mut information = PositionInformation::default();
         for (sight, action) in visible {
-            if blind.get(sight.source.anchor()).is_none_or(|blind| !blind) {
+            if !is_blind(sight.source.anchor()) {
                 self.add(&mut information, (&sight, action), present_m, place_m);
             }
         }
@@ -448,13 +405,14 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Ranging<'_, A
         let [ux, uy] = slope;
         let c = &sight.covariance_m2;
         let map_m2 = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
-        let mut sinr = self.memory.sinr(sight.source, action);
-        if self.memory.has_seen(sight.source) {
+        let known = self.channel.prior(sight.source, action);
+        let mut sinr = known.sinr;
+        if known.seen {
             let squared = |place: [f32; 2]| larger(squared_distance_m2(sight, place), NEAREST_M * NEAREST_M);
             sinr *= squared(present_m) / squared(place_m);
         }
         // A path tells something only if it is found.
-        let found = self.memory.visibility(sight.source) * detection_probability(sinr, self.threshold);
+        let found = known.visibility * detection_probability(sinr, self.threshold);
         let unit_m2 = self.units_m2.get(action).copied().unwrap_or(0.0);
         information.add(slope, (unit_m2 / sinr + self.floor_m2 + map_m2) / found);
     }
@@ -464,10 +422,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Ranging<'_, A
 mod tests {
     use super::*;
     use crate::Config;
-    use crate::anchor::Anchor;
-    use crate::controller::library::{LIBRARY_PUBLISHED, LIBRARY_WIDE};
-    use crate::perceptor::association::Measurement;
-    use crate::perceptor::state_filter::Source;
+    use crate::Tracker;
+    use crate::memory::channel::ChannelMemory;
+    use crate::model::anchor::Anchor;
+    use crate::model::measurement::Measurement;
+    use crate::radio::library::{LIBRARY_PUBLISHED, LIBRARY_WIDE};
     use nalgebra::{Matrix2, Vector4};
     use std::vec::Vec;
 
@@ -487,8 +446,8 @@ mod tests {
         anchors_m.iter().enumerate().map(visible).collect()
     }
 
-    fn outlook(covariance: Matrix4<f32>) -> Outlook {
-        Outlook {
+    fn state(covariance: Matrix4<f32>) -> PlanningState {
+        PlanningState {
             position_m: [0.0, 0.0],
             velocity_m_s: [0.0, 0.0],
             covariance,
@@ -526,7 +485,7 @@ mod tests {
     #[test]
     fn the_place_that_sees_the_uncertain_direction_wins_by_the_closed_form() {
         let (a, b) = (1e-4_f32, 4e-2_f32);
-        let outlook = outlook(fixed(a, b));
+        let state = state(fixed(a, b));
         let (memory, library) = (Memory::new(1e4, true, &library()), library());
         // Both candidates are a metre from the tag and from the anchor, which was never seen: the prior, everywhere.
         let anchor_m = [1.0, 1.0];
@@ -534,7 +493,7 @@ mod tests {
         let choose = |candidates: &[[f32; 2]], metres_per_nat: f32, goal: Option<[f32; 2]>| {
             let visible = direct(&[anchor_m], 0.0);
             let settings = settings(metres_per_nat);
-            choose_waypoint(candidates, goal, &settings, &outlook, visible.into_iter(), &memory, &library)
+            choose_waypoint(candidates, goal, &settings, &state, visible.into_iter(), &memory, &library)
                 .unwrap()
         };
         let seeking = choose(&candidates, 1.0, None);
@@ -561,7 +520,7 @@ mod tests {
     /// entropy.
     #[test]
     fn half_as_far_from_a_source_that_was_seen_is_ln_2_less_of_entropy() {
-        let outlook = outlook(fixed(1.0, 1.0));
+        let state = state(fixed(1.0, 1.0));
         let library = library();
         let mut memory = Memory::new(10.0, true, &library);
         see(&mut memory, 0, 10.0);
@@ -572,7 +531,7 @@ mod tests {
                 &[candidate],
                 None,
                 &settings,
-                &outlook,
+                &state,
                 visible.into_iter(),
                 &memory,
                 &library,
@@ -599,14 +558,14 @@ mod tests {
         let root = Matrix4::new(
             0.3_f32, 0.0, 0.0, 0.0, 0.1, 0.2, 0.0, 0.0, 0.05, -0.1, 0.4, 0.0, 0.1, 0.0, 0.1, 0.3,
         );
-        let mut outlook = outlook(root * root.transpose());
-        outlook.acceleration_std_m_s2 = 0.8;
-        outlook.variance_inflation = 1.44;
-        outlook.range_floor_m = 0.01;
-        outlook.threshold = 6.0;
-        outlook.position_m = [0.5, 0.25];
+        let mut state = state(root * root.transpose());
+        state.acceleration_std_m_s2 = 0.8;
+        state.variance_inflation = 1.44;
+        state.range_floor_m = 0.01;
+        state.threshold = 6.0;
+        state.position_m = [0.5, 0.25];
         let settings = WaypointSettings { speed_m_s: 0.7, period_s: 0.1, metres_per_nat: 1.0 };
-        let pulse = outlook.radio.pulse(&LIBRARY_WIDE[0]);
+        let pulse = state.radio.pulse(&LIBRARY_WIDE[0]);
         let mut spread = [f64::INFINITY, f64::NEG_INFINITY];
         // Nowhere more than 32 cycles from a candidate: every cycle is looked at.
         let goal = [0.9_f64, 0.5];
@@ -631,7 +590,7 @@ mod tests {
             let mut f = Matrix4::<f64>::identity();
             (f.m13, f.m24) = (dt, dt);
             let g = nalgebra::Matrix4x2::new(0.5 * dt * dt, 0.0, 0.0, 0.5 * dt * dt, dt, 0.0, 0.0, dt);
-            let mut p = outlook.covariance.cast::<f64>();
+            let mut p = state.covariance.cast::<f64>();
             let mut entropies = Vec::new();
             for place in &places {
                 p = f * p * f.transpose() + g * g.transpose() * (0.8 * 0.8);
@@ -667,7 +626,7 @@ mod tests {
             let expected = on_leg[21];
             let choose = |candidates: &[[f32; 2]], goal: Option<[f32; 2]>| {
                 let visible = direct(&anchors_m, height_m).into_iter();
-                choose_waypoint(candidates, goal, &settings, &outlook, visible, &memory, &library).unwrap()
+                choose_waypoint(candidates, goal, &settings, &state, visible, &memory, &library).unwrap()
             };
             let ours = choose(&[candidate], None);
             assert!((f64::from(ours.entropy_nat) - expected).abs() < 1e-3, "{ours:?} {expected}");
@@ -691,12 +650,12 @@ mod tests {
     /// those of free space, SINR 1000 at 1 m.
     fn walk(anchors_m: &[[f32; 2]], height_m: f32, metres_per_nat: f32) -> (usize, Vec<[f32; 2]>) {
         let (library, goal) = (library(), [6.0_f32, 0.0]);
-        let mut outlook = outlook(Matrix4::from_diagonal(&Vector4::new(1e-4, 1e-4, 1e-2, 1e-2)));
-        outlook.acceleration_std_m_s2 = 1.0;
+        let mut state = state(Matrix4::from_diagonal(&Vector4::new(1e-4, 1e-4, 1e-2, 1e-2)));
+        state.acceleration_std_m_s2 = 1.0;
         let settings = WaypointSettings { speed_m_s: 1.0, period_s: 0.1, metres_per_nat };
         let mut places = Vec::from([[0.0_f32, 0.0]]);
         for leg in 0..36 {
-            let here = outlook.position_m;
+            let here = state.position_m;
             if distance_m(here, goal) < 0.01 {
                 return (leg, places);
             }
@@ -716,9 +675,9 @@ mod tests {
             }
             let visible = direct(anchors_m, height_m).into_iter();
             let choice =
-                choose_waypoint(&candidates, Some(goal), &settings, &outlook, visible, &memory, &library);
-            outlook.position_m = candidates[choice.unwrap().index];
-            places.push(outlook.position_m);
+                choose_waypoint(&candidates, Some(goal), &settings, &state, visible, &memory, &library);
+            state.position_m = candidates[choice.unwrap().index];
+            places.push(state.position_m);
         }
         (usize::MAX, places)
     }
@@ -745,11 +704,11 @@ mod tests {
         let library = library();
         let mut memory = Memory::new(10.0, true, &library);
         see(&mut memory, 0, 100.0);
-        let outlook = outlook(fixed(1.0, 1.0));
+        let state = state(fixed(1.0, 1.0));
         let entropy = |x: f32, height_m: f32| {
             let settings = WaypointSettings { speed_m_s: 100.0, ..settings(1.0) };
             let visible = direct(&[[2.0, 0.0]], height_m).into_iter();
-            choose_waypoint(&[[x, 0.0]], None, &settings, &outlook, visible, &memory, &library)
+            choose_waypoint(&[[x, 0.0]], None, &settings, &state, visible, &memory, &library)
                 .unwrap()
                 .entropy_nat
         };
@@ -766,11 +725,12 @@ mod tests {
         let library = library();
         let memory = Memory::new(10.0, true, &library);
         let good = settings(1.0);
-        let tag = outlook(fixed(1.0, 1.0));
-        let asked = |candidates: &[[f32; 2]], goal, settings: &WaypointSettings, tag: &Outlook, action| {
-            let visible = direct(&[[3.0, 0.0]], 0.0).into_iter().map(|(sight, _)| (sight, action));
-            choose_waypoint(candidates, goal, settings, tag, visible, &memory, &library)
-        };
+        let tag = state(fixed(1.0, 1.0));
+        let asked =
+            |candidates: &[[f32; 2]], goal, settings: &WaypointSettings, tag: &PlanningState, action| {
+                let visible = direct(&[[3.0, 0.0]], 0.0).into_iter().map(|(sight, _)| (sight, action));
+                choose_waypoint(candidates, goal, settings, tag, visible, &memory, &library)
+            };
         let one = [[1.0, 1.0]];
         assert_eq!(asked(&[], None, &good, &tag, 0), Err(WaypointError::NoCandidates));
         let many = [[0.0, 0.0]; MOST_CANDIDATES + 1];
@@ -797,8 +757,8 @@ mod tests {
         let far = [[0.5, 0.5], [0.0, 1002.0]];
         assert_eq!(asked(&far, None, &good, &tag, 0), Err(WaypointError::TooFar { index: 1 }));
         assert_eq!(asked(&one, None, &good, &tag, 40), Err(WaypointError::Action));
-        let lost = outlook(fixed(f32::NAN, 1.0));
-        assert_eq!(asked(&one, None, &good, &lost, 0), Err(WaypointError::Outlook));
+        let lost = state(fixed(f32::NAN, 1.0));
+        assert_eq!(asked(&one, None, &good, &lost, 0), Err(WaypointError::Start));
     }
 
     #[test]

@@ -2,20 +2,23 @@
 //!
 //! A single-state value function J over the action library. [`reward`] turns entropies into a reward, [`value`]
 //! learns from the action applied and from planned ones, [`planning`] predicts rewards with the filter's own model
-//! and the channel memory, [`mod@policy`] turns values into a choice, and [`hop`] brings both ends of the link there.
+//! and the channel memory, [`mod@policy`] turns values into a choice, and [`crate::radio::link`] brings both ends of the link there.
 //! [`Controller`] does all of it, once per cycle: one for all anchors, or one for each.
 
-pub mod hop;
-pub mod library;
 pub mod planning;
 pub mod policy;
 pub mod reward;
 pub mod value;
 
+mod all_anchors;
+
+pub use all_anchors::{Controllers, Decision};
+
 use crate::config::ControllerSettings;
-use hop::Hop;
-use library::Allowed;
-use planning::{Ahead, Horizon, Scene, Visible};
+use crate::model::channel::ChannelKnowledge;
+use crate::radio::library::Allowed;
+use crate::radio::link::Hop;
+use planning::{Ahead, Horizon, Planner, Visible};
 use policy::{draw_other, explore, planned_set, policy, settle};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -84,24 +87,24 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     /// Learns from a cycle, plans over a part of the library, and chooses the action of the next cycle, which is the one
     /// chosen, or the one announced before where choices are announced. `visible` are the sources received with it,
     /// `given` is what the others will tell.
-    pub fn decide<const ANCHORS: usize, const VAS: usize>(
+    pub fn decide(
         &mut self,
         outcome: &Outcome,
-        scene: &Scene<'_, ANCHORS, VAS, ACTIONS>,
+        planner: &Planner<'_, impl ChannelKnowledge, ACTIONS>,
         visible: impl Iterator<Item = Visible> + Clone,
         given: &Ahead,
     ) {
-        self.choose(outcome, scene, visible, given);
+        self.choose(outcome, planner, visible, given);
         if let Some(hop) = &mut self.hop {
             let next = if outcome.called { hop.rendezvous() } else { self.chosen };
             if outcome.heard { hop.decide(next) } else { hop.miss() }
         }
     }
 
-    fn choose<const ANCHORS: usize, const VAS: usize>(
+    fn choose(
         &mut self,
         outcome: &Outcome,
-        scene: &Scene<'_, ANCHORS, VAS, ACTIONS>,
+        planner: &Planner<'_, impl ChannelKnowledge, ACTIONS>,
         visible: impl Iterator<Item = Visible> + Clone,
         given: &Ahead,
     ) {
@@ -130,7 +133,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         }
         let keep = [self.held, self.values.best(&self.allowed)];
         let planned = planned_set(&self.policy, &self.allowed, settings.planned_actions, keep, &mut rng);
-        let rewards = scene.plan(&planned, visible, given);
+        let rewards = planner.plan(&planned, visible, given);
         let reward = |action: usize| rewards.get(action).copied().unwrap_or(0.0);
         let present = reward(self.held);
         for (action, _) in planned.iter().enumerate().filter(|(_, wanted)| **wanted) {

@@ -8,13 +8,14 @@
 //!
 //! Where every anchor has an action of its own, one anchor's is planned at a time, and the others' paths are given.
 
-use super::library::Library;
 use super::reward::{Reward, reward};
 use crate::config::Radio;
 use crate::information::fisher::{PositionInformation, range_slope};
-use crate::memory::channel::ChannelMemory;
-use crate::perceptor::association::missed_odds;
-use crate::perceptor::state_filter::{Source, predict_agent};
+use crate::model::channel::ChannelKnowledge;
+use crate::model::detection::missed_odds;
+use crate::model::motion::predicted;
+use crate::model::source::Source;
+use crate::radio::library::Library;
 use crate::real::{exp, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4};
@@ -34,7 +35,7 @@ pub struct Visible {
 
 /// Where planning starts from.
 #[derive(Clone, Copy, Debug)]
-pub struct Outlook {
+pub struct PlanningState {
     /// Position of the tag, metres.
     pub position_m: [f32; 2],
     /// Velocity of the tag, m/s.
@@ -84,16 +85,16 @@ pub type Ahead = [PositionInformation; LONGEST_HORIZON];
 
 /// What holds for all actions planned.
 #[derive(Clone, Copy)]
-pub struct Scene<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> {
+pub struct Planner<'a, C, const ACTIONS: usize> {
     horizon: Horizon,
-    outlook: &'a Outlook,
+    state: &'a PlanningState,
     threshold_root: f32,
-    memory: &'a ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    channel: &'a C,
     library: &'a Library<ACTIONS>,
 }
 
 /// What a path tells at one action, whatever the geometry.
-struct Audible {
+struct PathQuality {
     /// Visibility x SINR.
     found: f32,
     /// 1 / P_d.
@@ -103,7 +104,7 @@ struct Audible {
     sinr: f32,
 }
 
-impl Audible {
+impl PathQuality {
     /// A path tells something only if it is found: P_d / (unit / SINR + rest), 1/m^2.
     #[inline(always)]
     fn weight(&self, view: &View) -> f32 {
@@ -111,16 +112,16 @@ impl Audible {
     }
 }
 
-impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a, ANCHORS, VAS, ACTIONS> {
-    /// Looks that far from there, by what the memory knows of these actions.
+impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
+    /// Looks that far from there, by what is known of the channels at these actions.
     pub fn new(
         horizon: Horizon,
-        outlook: &'a Outlook,
-        memory: &'a ChannelMemory<ANCHORS, VAS, ACTIONS>,
+        state: &'a PlanningState,
+        channel: &'a C,
         library: &'a Library<ACTIONS>,
     ) -> Self {
-        let threshold_root = sqrt(larger(outlook.threshold, 0.0));
-        Self { horizon, outlook, threshold_root, memory, library }
+        let threshold_root = sqrt(larger(state.threshold, 0.0));
+        Self { horizon, state, threshold_root, channel, library }
     }
 
     /// Discounted, normalised rewards of the actions in `planned`, each for all of `visible`; zero for the others. `given`
@@ -149,9 +150,9 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
     pub fn expect(&self, sources: impl Iterator<Item = (Visible, usize)>) -> Ahead {
         let mut ahead = [PositionInformation::default(); LONGEST_HORIZON];
         for (sight, action) in sources {
-            let audible = self.audible(&sight, action, self.unit_variance_m2(action));
+            let quality = self.quality(&sight, action, self.unit_variance_m2(action));
             for (sum, view) in ahead.iter_mut().zip(&self.views(&sight)) {
-                sum.add_weighted(view.slope, audible.weight(view));
+                sum.add_weighted(view.slope, quality.weight(view));
             }
         }
         ahead
@@ -173,10 +174,10 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
         for sight in visible {
             let views = self.views(&sight);
             for (place, (&action, &unit_m2)) in batch.iter().zip(&unit_variances_m2).enumerate() {
-                let audible = self.audible(&sight, action, unit_m2);
+                let quality = self.quality(&sight, action, unit_m2);
                 for (sums, view) in information.iter_mut().zip(&views) {
                     if let Some(sum) = sums.get_mut(place) {
-                        sum.add_weighted(view.slope, audible.weight(view));
+                        sum.add_weighted(view.slope, quality.weight(view));
                     }
                 }
             }
@@ -184,7 +185,7 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
         for (place, &action) in batch.iter().enumerate() {
             let sums = information.iter().filter_map(|sums| sums.get(place)).take(self.horizon.steps);
             if let Some(reward) = rewards.get_mut(action) {
-                *reward = discounted(sums, &self.horizon, self.outlook);
+                *reward = discounted(sums, &self.horizon, self.state);
             }
         }
     }
@@ -192,16 +193,16 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
     /// Variance of a range at SINR 1, which SINR then divides.
     fn unit_variance_m2(&self, action: usize) -> f32 {
         self.library.get(action).map_or(0.0, |entry| {
-            self.outlook.variance_inflation * self.outlook.radio.pulse(entry).range_variance_m2(1.0)
+            self.state.variance_inflation * self.state.radio.pulse(entry).range_variance_m2(1.0)
         })
     }
 
     #[inline(always)]
-    fn audible(&self, sight: &Visible, action: usize, unit_m2: f32) -> Audible {
-        let root = exp(0.5 * self.memory.sinr_ln(sight.source, action));
+    fn quality(&self, sight: &Visible, action: usize, unit_m2: f32) -> PathQuality {
+        let root = exp(0.5 * self.channel.sinr_ln(sight.source, action));
         let sinr = root * root;
-        Audible {
-            found: self.memory.visibility(sight.source) * sinr,
+        PathQuality {
+            found: self.channel.visibility(sight.source) * sinr,
             odds: 1.0 + missed_odds(root, self.threshold_root),
             unit_m2,
             sinr,
@@ -210,14 +211,14 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
 
     /// How a source will be seen in each of the cycles to the horizon.
     fn views(&self, sight: &Visible) -> Vec<View, LONGEST_HORIZON> {
-        let outlook = self.outlook;
-        let floor_m2 = outlook.range_floor_m * outlook.range_floor_m;
-        let ([x, y], [vx, vy]) = (outlook.position_m, outlook.velocity_m_s);
+        let state = self.state;
+        let floor_m2 = state.range_floor_m * state.range_floor_m;
+        let ([x, y], [vx, vy]) = (state.position_m, state.velocity_m_s);
         let [ax, ay] = sight.position_m;
         let c = &sight.covariance_m2;
         let mut views = Vec::new();
         for step in 1..=self.horizon.steps.min(LONGEST_HORIZON) {
-            let ahead_s = step as f32 * outlook.elapsed_s;
+            let ahead_s = step as f32 * state.elapsed_s;
             let slope = range_slope([x + ahead_s * vx - ax, y + ahead_s * vy - ay], sight.height_m);
             let [ux, uy] = slope;
             let map_m2 = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
@@ -232,12 +233,12 @@ impl<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Scene<'a,
 fn discounted<'a>(
     information: impl Iterator<Item = &'a PositionInformation>,
     horizon: &Horizon,
-    outlook: &Outlook,
+    state: &PlanningState,
 ) -> f32 {
-    let mut covariance = outlook.covariance;
+    let mut covariance = state.covariance;
     let (mut total, mut weight, mut weights) = (0.0, 1.0, 0.0);
     for sum in information {
-        let predicted = predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2);
+        let predicted = predicted(&covariance, state.elapsed_s, state.acceleration_std_m_s2);
         let posterior = sum.posterior(&predicted);
         total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
         weights += weight;

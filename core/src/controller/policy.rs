@@ -3,8 +3,8 @@
 //! The published recursion pi <- pi exp(dJ / tau) telescopes to softmax(J / tau), which is computed directly:
 //! nothing accumulates and no action's probability dies. A floor of 1e-3 / |C| keeps every action alive.
 
-use super::library::Allowed;
 use super::value::ActionValues;
+use crate::radio::library::Allowed;
 use crate::real::{exp, larger, ln};
 use rand_core::Rng;
 

@@ -4,7 +4,7 @@
 //! would compare an action planned today with one planned long ago. So J is kept relative to the present action, whose
 //! value is near 0; softmax and choice, which see differences only, are the published ones.
 
-use super::library::Allowed;
+use crate::radio::library::Allowed;
 
 /// Learning parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]

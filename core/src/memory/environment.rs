@@ -6,7 +6,12 @@
 //! hidden (its SINR says so) neither proves nor disproves that it exists, and keeps its existence; one that was never seen
 //! loses it slowly.
 
+use crate::model::range::Regression;
+use crate::model::source::Source;
+use crate::perceptor::association::outcome::AssociatedScan;
 use crate::real::smaller;
+use heapless::Vec;
+use nalgebra::{Matrix2, Vector2};
 
 /// Existence above which a virtual anchor counts for planning and in reports.
 pub const CONFIRMED: f32 = 0.5;
@@ -23,6 +28,28 @@ const EXPECTED: f32 = 0.5;
 const REPEATED_LOOK: f32 = 0.2;
 /// Existence is never certain: a wall can be taken down.
 const MOST_CERTAIN: f32 = 0.999;
+
+/// Virtual anchors of one anchor that are nearer than this may be one, metres.
+const NEAR_M: f32 = 0.3;
+
+/// Position of a virtual anchor (metres) and its covariance (square metres).
+pub type Placed = (Vector2<f32>, Matrix2<f32>);
+
+/// What has become of a discovery.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Admission {
+    /// It lies within 0.3 m of the anchor or of one of its virtual anchors.
+    Known,
+    /// There is no room.
+    Full,
+    /// It is in the map.
+    Entered {
+        /// Its slot.
+        slot: usize,
+        /// Whether another one gave way.
+        replaced: bool,
+    },
+}
 
 /// One virtual anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,6 +126,34 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
         }
     }
 
+    /// Enters the outcome of a scan for every virtual anchor of its anchor; `detection` is the probability that the path of a
+    /// regression was found.
+    pub fn observe<const PATHS: usize>(
+        &mut self,
+        associated: &AssociatedScan<'_, VAS, PATHS>,
+        detection: impl Fn(&Self, &Regression) -> f32,
+    ) {
+        for (regression, belief) in associated.features() {
+            if let Source::Virtual { slot, .. } = regression.source {
+                let detection = detection(self, regression);
+                self.remember(slot, belief.existence, belief.missed < 0.5, detection);
+            }
+        }
+    }
+
+    /// Whether a source is a virtual anchor that was never seen.
+    pub fn is_unseen(&self, source: Source) -> bool {
+        match source {
+            Source::Direct { .. } => false,
+            Source::Virtual { slot, .. } => self.get(slot).is_some_and(|record| record.hits == 0),
+        }
+    }
+
+    /// Slots of the virtual anchors of an anchor.
+    pub fn images_of(&self, anchor: usize) -> impl Iterator<Item = usize> + Clone {
+        self.iter().filter(move |(_, record)| record.anchor == anchor).map(|(slot, _)| slot)
+    }
+
     /// When the map is full: forgets the virtual anchor that tells least, the product of its existence and of its detection
     /// probability (by slot), if that is at most 1/2; returns its slot.
     pub fn give_way(&mut self, detections: &[f32; VAS]) -> Option<usize> {
@@ -122,15 +177,74 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
         }
     }
 
-    /// Forgets the first virtual anchor that has become improbable; returns its slot.
-    pub fn forget_one(&mut self) -> Option<usize> {
-        let slot = self.records.iter().position(|record| {
-            record.as_ref().is_some_and(|record| record.existence < FORGOTTEN || record.misses > MISSES)
-        })?;
-        if let Some(record) = self.records.get_mut(slot) {
-            *record = None;
+    /// Forgets the virtual anchors that have become improbable, and the younger of two of an anchor that are one;
+    /// `placed` gives where the one in a slot is. Returns their slots.
+    pub fn revise(&mut self, placed: impl Fn(usize) -> Option<Placed>) -> Vec<usize, VAS> {
+        let mut forgotten = Vec::new();
+        for slot in 0..VAS {
+            if self.get(slot).is_some_and(|record| record.existence < FORGOTTEN || record.misses > MISSES) {
+                self.remove(slot);
+                // One per slot at most: the pushes succeed.
+                let _ = forgotten.push(slot);
+            }
         }
-        Some(slot)
+        for slot in 0..VAS {
+            if self.is_doubled(slot, &placed) {
+                self.remove(slot);
+                let _ = forgotten.push(slot);
+            }
+        }
+        forgotten
+    }
+
+    /// Whether an older virtual anchor of the same anchor is where the one in `slot` is.
+    fn is_doubled(&self, slot: usize, placed: impl Fn(usize) -> Option<Placed>) -> bool {
+        let Some(record) = self.get(slot) else { return false };
+        let Some((a, c)) = placed(slot) else { return false };
+        let is_same = |(other, twin): (usize, &Record)| {
+            let (b, d) = placed(other)?;
+            let (dx, dy) = (b.x - a.x, b.y - a.y);
+            let (xx, yx, yy) = (c.m11 + d.m11, c.m21 + d.m21, c.m22 + d.m22);
+            let form = yy * (dx * dx) - 2.0 * (yx * (dx * dy)) + xx * (dy * dy);
+            let near = dx * dx + dy * dy < NEAR_M * NEAR_M && form < xx * yy - yx * yx;
+            let older = twin.hits > record.hits || (twin.hits == record.hits && other < slot);
+            (twin.anchor == record.anchor && other != slot && near && older).then_some(())
+        };
+        record.hits > 0 && self.iter().any(|entry| is_same(entry).is_some())
+    }
+
+    /// Takes a virtual anchor of `anchor` (at `anchor_m`, metres) in that was discovered at `position`, in the place of the
+    /// one that tells least if there is no other; `detections` are the detection probabilities by slot, asked for only then.
+    pub fn admit(
+        &mut self,
+        anchor: usize,
+        anchor_m: [f32; 2],
+        position: Vector2<f32>,
+        placed: impl Fn(usize) -> Option<Placed>,
+        detections: impl FnOnce(&Self) -> [f32; VAS],
+    ) -> Admission {
+        let is_near = |x: f32, y: f32| {
+            let (dx, dy) = (position.x - x, position.y - y);
+            dx * dx + dy * dy < NEAR_M * NEAR_M
+        };
+        let [x, y] = anchor_m;
+        let is_known = is_near(x, y)
+            || self.iter().any(|(slot, record)| {
+                record.anchor == anchor && placed(slot).is_some_and(|(a, _)| is_near(a.x, a.y))
+            });
+        if is_known {
+            return Admission::Known;
+        }
+        let (slot, replaced) = match self.free_slot() {
+            Some(slot) => (Some(slot), false),
+            None => {
+                let detections = detections(self);
+                (self.give_way(&detections), true)
+            }
+        };
+        let Some(slot) = slot else { return Admission::Full };
+        self.insert(slot, anchor, 0.9, 1);
+        Admission::Entered { slot, replaced }
     }
 }
 

@@ -11,7 +11,7 @@
 //! in one, the level of what stands out begins anew there; where that is far higher than before, it is told by how much the
 //! unit was too large. Of other changes of action nothing such is concluded: what more stands out may be an interferer there.
 
-use crate::observation::Samples;
+use crate::model::observation::Samples;
 use crate::real::{exp, larger, limited, ln};
 
 /// What stands out: this many times the white noise.

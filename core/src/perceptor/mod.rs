@@ -1,17 +1,15 @@
-//! The perceptor: from raw samples to the joint state of tag and virtual anchors.
+//! The perceptor: from raw samples to the state of tag and map.
 //!
-//! Data passes through the stages in this order, and each can be used alone:
-//! [`channel_estimator`] finds the specular paths in a frame, [`gain_control`] what its powers are measured in,
-//! [`acquisition`] finds out where the tag is while that is not known, [`overlap`] says how far paths disturb each other, [`association`] decides which path belongs to which virtual
-//! anchor, [`manoeuvre`] notices when the tag turns, [`state_filter`] moves the estimate, [`loss`] notices when the tag is
-//! elsewhere, and [`discovery`] looks for virtual anchors among the paths that were left over.
+//! Data passes through the stages in this order, and each can be used alone: [`receiver`] refuses bad input and makes a
+//! [`scan`] of every anchor's paths, which [`channel_estimator`] finds in frames and [`gain_control`] gives a unit;
+//! [`expectation`] says what every source of a scan is expected to show, [`association`] which measurement belongs to which
+//! source, [`belief`] where the tag is in the large, and [`state_filter`] moves the estimate.
 
-pub mod acquisition;
 pub mod association;
+pub mod belief;
 pub mod channel_estimator;
-pub mod discovery;
+pub mod expectation;
 pub mod gain_control;
-pub mod loss;
-pub mod manoeuvre;
-pub mod overlap;
+pub mod receiver;
+pub mod scan;
 pub mod state_filter;

@@ -33,99 +33,19 @@
 //! exceeds its limit is scaled back, C <- D C D with a diagonal D (which keeps C positive definite). A bias is
 //! limited to its prior, the position to the reach of the radio.
 
-use crate::real::{larger, smaller, sqrt};
+use crate::model::motion::{Agent, Motion, ProcessNoise, carry};
+use crate::model::range::{Regression, SMALLEST_SPREAD_M2, regress_distance};
+use crate::model::soft_update::{Moments, SoftUpdate};
+use crate::model::source::{Sight, Source};
+use crate::perceptor::association::outcome::Innovation;
+use crate::real::{larger, sqrt};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 
-/// Most that one update may shrink a variance: 2^-10.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
 /// Relative growth of every variance per prediction, 2^-19: covers the rounding of a cycle's updates.
 const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
 /// Largest variance of a velocity, (1 km/s)^2, and of a virtual anchor's coordinate, (1 km)^2.
 const VELOCITY_LIMIT: f32 = 1e6;
 const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
-/// Least standard deviation that sigma points are spread by, squared, square metres.
-const SMALLEST_SPREAD_M2: f32 = 1e-12;
-
-/// What a range was reflected by, in the filter's terms.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Source {
-    /// The direct path of physical anchor `anchor`.
-    Direct {
-        /// Index of the anchor.
-        anchor: usize,
-    },
-    /// The virtual anchor in slot `slot`, belonging to physical anchor `anchor`.
-    Virtual {
-        /// Index of the anchor.
-        anchor: usize,
-        /// Slot of the virtual anchor.
-        slot: usize,
-    },
-}
-
-impl Source {
-    /// Index of the physical anchor.
-    pub fn anchor(&self) -> usize {
-        match *self {
-            Source::Direct { anchor } | Source::Virtual { anchor, .. } => anchor,
-        }
-    }
-}
-
-/// Statistical linear regression of one range on the state, taken at the prior.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Regression {
-    /// What the range belongs to.
-    pub source: Source,
-    /// Expected range, bias included, metres.
-    pub range_m: f32,
-    /// Slope g of the range over d = p - a.
-    pub slope: [f32; 2],
-    /// Part of the range's variance that the line does not explain, square metres.
-    pub residual_m2: f32,
-    /// Part that it does: g' C_d g and the bias, square metres.
-    pub explained_m2: f32,
-}
-
-impl Regression {
-    /// Variance of the expected range, square metres.
-    pub fn variance_m2(&self) -> f32 {
-        self.explained_m2 + self.residual_m2
-    }
-}
-
-/// The measurements associated with one source, summed up: with association probabilities beta_m and
-/// innovations nu_m = z_m - E z.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Innovation {
-    /// The regression the innovations refer to.
-    pub regression: Regression,
-    /// Sum of beta_m: 1 for a hard association.
-    pub weight: f32,
-    /// Sum of beta_m nu_m, metres.
-    pub first_m: f32,
-    /// Sum of beta_m nu_m^2, square metres.
-    pub second_m2: f32,
-    /// Variance of the measurement, square metres.
-    pub variance_m2: f32,
-}
-
-/// How the tag moves and how much the map breathes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Motion {
-    /// Standard deviation of the tag's acceleration per axis, m/s^2 (1e-6 to 100). Larger follows turns faster
-    /// and averages less.
-    pub acceleration_std_m_s2: f32,
-    /// Random walk of each virtual anchor per cycle and axis, metres (1e-7 to 1); those known exactly stay. Larger
-    /// forgets map errors faster.
-    pub virtual_anchor_walk_m: f32,
-    /// The position's standard deviation never exceeds this, metres (1 to 1e4): a tag that is still heard is within
-    /// reach, however long it was not.
-    pub position_std_limit_m: f32,
-}
-
 /// Joint covariance in blocks. Of C_aa, the blocks with l <= k are kept.
 #[derive(Clone, Debug)]
 struct Covariance<const ANCHORS: usize, const VAS: usize> {
@@ -143,15 +63,6 @@ struct StateVector<const ANCHORS: usize, const VAS: usize> {
     agent: Vector4<f32>,
     bias_m: [f32; ANCHORS],
     virtual_anchors: [Vector2<f32>; VAS],
-}
-
-/// The tag alone: mean and covariance of x = [p, v].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Agent {
-    /// Position (metres) and velocity (m/s).
-    pub mean: Vector4<f32>,
-    /// Their covariance.
-    pub covariance: Matrix4<f32>,
 }
 
 /// Changes scale w w' that C_aa lacks as yet: at most `N`.
@@ -236,15 +147,6 @@ fn change_all(block: &mut Matrix2<f32>, scaled_k: &[Vector2<f32>], w_l: &[Vector
     } else {
         change(block, scaled_k, w_l);
     }
-}
-
-/// Geometry of one measurement: the fixed position of the anchor (for direct paths) and its height above the tag.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sight {
-    /// Position of the physical anchor, metres.
-    pub anchor_m: [f32; 2],
-    /// Height of the physical anchor above the tag, metres; 0 where ranges are horizontal.
-    pub height_m: f32,
 }
 
 /// The joint filter of a tag and up to `VAS` virtual anchors, seen from up to `ANCHORS` physical ones.
@@ -459,35 +361,15 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         agent.x += dt * agent.z;
         agent.y += dt * agent.w;
 
-        let acceleration = self.motion.acceleration_std_m_s2 * self.motion.acceleration_std_m_s2;
-        let from_velocity = acceleration * (dt * dt);
-        let from_both = from_velocity * (0.5 * dt);
-        let from_position = from_both * (0.5 * dt);
+        let noise = ProcessNoise::new(self.motion.acceleration_std_m_s2, dt);
         let margin = 1.0 + ROUNDING_MARGIN;
         let c = &mut self.covariance;
-        {
-            let p = &mut c.xx;
-            let pv12 = p.m32 + p.m41;
-            p.m11 = p.m11 + dt * (2.0 * p.m31) + dt * dt * p.m33;
-            p.m21 = p.m21 + dt * pv12 + dt * dt * p.m43;
-            p.m22 = p.m22 + dt * (2.0 * p.m42) + dt * dt * p.m44;
-            p.m31 += dt * p.m33;
-            p.m32 += dt * p.m43;
-            p.m41 += dt * p.m43;
-            p.m42 += dt * p.m44;
-            p.m11 = p.m11 * margin + from_position;
-            p.m22 = p.m22 * margin + from_position;
-            p.m31 += from_both;
-            p.m42 += from_both;
-            p.m33 = p.m33 * margin + from_velocity;
-            p.m44 = p.m44 * margin + from_velocity;
-            p.m12 = p.m21;
-            p.m13 = p.m31;
-            p.m23 = p.m32;
-            p.m14 = p.m41;
-            p.m24 = p.m42;
-            p.m34 = p.m43;
-        }
+        carry(&mut c.xx, dt);
+        c.xx.m11 *= margin;
+        c.xx.m22 *= margin;
+        c.xx.m33 *= margin;
+        c.xx.m44 *= margin;
+        noise.add_to(&mut c.xx);
         if self.estimate_bias {
             for (j, cross) in c.xb.iter_mut().enumerate() {
                 cross.x += dt * cross.z;
@@ -519,19 +401,7 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
     /// After a prediction: as if the tag had accelerated at random over the same `elapsed_s` seconds by
     /// `acceleration_std_m_s2` as well.
     pub fn disturb(&mut self, acceleration_std_m_s2: f32, elapsed_s: f32) {
-        let dt = elapsed_s;
-        let from_velocity = acceleration_std_m_s2 * acceleration_std_m_s2 * (dt * dt);
-        let from_both = from_velocity * (0.5 * dt);
-        let from_position = from_both * (0.5 * dt);
-        let p = &mut self.covariance.xx;
-        p.m11 += from_position;
-        p.m22 += from_position;
-        p.m31 += from_both;
-        p.m42 += from_both;
-        p.m13 = p.m31;
-        p.m24 = p.m42;
-        p.m33 += from_velocity;
-        p.m44 += from_velocity;
+        ProcessNoise::new(acceleration_std_m_s2, elapsed_s).add_to(&mut self.covariance.xx);
     }
 
     /// Takes the last disturbance back; `predicted` is the covariance of position and velocity from before it.
@@ -669,17 +539,17 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
     ) {
         let regression = &innovation.regression;
         let Some((direction, explained, shift)) = self.direction(regression, prior, pending) else { return };
-        let noise = larger(innovation.variance_m2 + regression.residual_m2, explained * LARGEST_SHRINK);
-        let inverse = 1.0 / (explained + noise);
         // Innovations are relative to the prior; the state has moved by `shift` along the slope since.
-        let first = innovation.first_m - innovation.weight * shift;
-        let second =
-            innovation.second_m2 - 2.0 * (shift * innovation.first_m) + innovation.weight * (shift * shift);
-        let spread = larger(second - first * first, 0.0);
-        // A soft association widens by the spread of its candidates, at most as much as it knew before.
-        let scale = smaller((spread * inverse - innovation.weight) * inverse, inverse);
-        self.step(&direction, first * inverse, scale);
-        pending.push(scale, &direction.virtual_anchors);
+        let Moments { weight, first_m, second_m2 } = innovation.moments;
+        let moments = Moments {
+            weight,
+            first_m: first_m - weight * shift,
+            second_m2: second_m2 - 2.0 * (shift * first_m) + weight * (shift * shift),
+        };
+        let variance_m2 = explained + (innovation.variance_m2 + regression.residual_m2);
+        let change = SoftUpdate::new(&moments, variance_m2, explained);
+        self.step(&direction, change.mean, change.covariance);
+        pending.push(change.covariance, &direction.virtual_anchors);
     }
 
     /// w = C h, h' C h, and h'(x - x_prior), for the linear form h of a regression.
@@ -885,23 +755,6 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
     }
 }
 
-/// Near-constant-velocity prediction of the agent's covariance, F C F' + sigma_a^2 G G'.
-pub(crate) fn predict_agent(c: &Matrix4<f32>, dt: f32, acceleration_std_m_s2: f32) -> Matrix4<f32> {
-    let variance = acceleration_std_m_s2 * acceleration_std_m_s2;
-    let from_velocity = variance * (dt * dt);
-    let from_both = from_velocity * (0.5 * dt);
-    let from_position = from_both * (0.5 * dt);
-    let m11 = c.m11 + dt * (2.0 * c.m31) + dt * dt * c.m33 + from_position;
-    let m21 = c.m21 + dt * (c.m32 + c.m41) + dt * dt * c.m43;
-    let m22 = c.m22 + dt * (2.0 * c.m42) + dt * dt * c.m44 + from_position;
-    let m31 = c.m31 + dt * c.m33 + from_both;
-    let m32 = c.m32 + dt * c.m43;
-    let m41 = c.m41 + dt * c.m43;
-    let m42 = c.m42 + dt * c.m44 + from_both;
-    let (m33, m43, m44) = (c.m33 + from_velocity, c.m43, c.m44 + from_velocity);
-    Matrix4::new(m11, m21, m31, m41, m21, m22, m32, m42, m31, m32, m33, m43, m41, m42, m43, m44)
-}
-
 /// Multiplies a column's entries by their rows' factors and the column's own, as (row x column) x entry.
 fn scale<'a, R: nalgebra::Dim, S: nalgebra::RawStorageMut<f32, R>>(
     mut column: nalgebra::Matrix<f32, R, nalgebra::U1, S>,
@@ -910,48 +763,5 @@ fn scale<'a, R: nalgebra::Dim, S: nalgebra::RawStorageMut<f32, R>>(
 ) {
     for (entry, row) in column.iter_mut().zip(rows) {
         *entry *= row * factor;
-    }
-}
-
-/// Regression of a distance on its two-dimensional difference vector.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct DistanceRegression {
-    pub range_m: f32,
-    pub slope: [f32; 2],
-    pub residual_m2: f32,
-    pub explained_m2: f32,
-}
-
-/// Five-point unscented regression of sqrt(|d|^2 + height^2) for d of mean `distance` and covariance `spread`
-/// (xx, yx, yy).
-pub(crate) fn regress_distance(distance: [f32; 2], spread: [f32; 3], height_m: f32) -> DistanceRegression {
-    let [dx, dy] = distance;
-    let [sxx, syx, syy] = spread;
-    let l11 = sqrt(larger(sxx, SMALLEST_SPREAD_M2));
-    let l21 = syx / l11;
-    let l22 = sqrt(larger(syy - l21 * l21, SMALLEST_SPREAD_M2));
-    let root3 = 1.732_050_8;
-    let (e1x, e1y, e2y) = (root3 * l11, root3 * l21, root3 * l22);
-    let height2 = height_m * height_m;
-    let length = |x: f32, y: f32| sqrt(x * x + y * y + height2);
-    let centre = length(dx, dy);
-    let ahead1 = length(dx + e1x, dy + e1y);
-    let back1 = length(dx - e1x, dy - e1y);
-    let ahead2 = length(dx, dy + e2y);
-    let back2 = length(dx, dy - e2y);
-    // Relative to the centre point, so that the small differences keep their digits.
-    let (a1, b1, a2, b2) = (ahead1 - centre, back1 - centre, ahead2 - centre, back2 - centre);
-    let offset = (a1 + b1 + a2 + b2) * (1.0 / 6.0);
-    let along1 = (a1 - b1) * (0.5 / root3);
-    let along2 = (a2 - b2) * (0.5 / root3);
-    let second = (a1 * a1 + b1 * b1 + a2 * a2 + b2 * b2) * (1.0 / 6.0);
-    let explained_m2 = along1 * along1 + along2 * along2;
-    let gy = along2 / l22;
-    let gx = (along1 - l21 * gy) / l11;
-    DistanceRegression {
-        range_m: centre + offset,
-        slope: [gx, gy],
-        residual_m2: larger(second - offset * offset - explained_m2, 0.0),
-        explained_m2,
     }
 }

@@ -8,7 +8,7 @@ use cogmint_board::feed::Feed;
 use cogmint_board::host::{self, Fault, Line};
 use cogmint_board::meter::{Scratch, instructions};
 use cogmint_board::{FRAMES, SAMPLES};
-use cogmint_core::observation::{Complex, Observation};
+use cogmint_core::model::observation::{Complex, Observation};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
 use cortex_m_rt::entry;
 
@@ -51,7 +51,7 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
 
 /// How many paths a frame has. Its own stack frame, so that all scratch of the estimate lies below the painter.
 #[inline(never)]
-fn paths(estimator: &Estimator, frame: &cogmint_core::observation::Frame<'_>) -> u32 {
+fn paths(estimator: &Estimator, frame: &cogmint_core::model::observation::Frame<'_>) -> u32 {
     estimator
         .estimate(frame.samples, frame.first_sample_delay_s)
         .map_or(0, |estimate| estimate.paths.len() as u32)

@@ -9,7 +9,11 @@
 use cogmint_board::Once;
 use cogmint_board::host::{self, Fault, File, Line};
 use cogmint_board::meter::{Instructions, MeterError, Scratch, instructions};
-use cogmint_core::perceptor::state_filter::{Innovation, Motion, Regression, Sight, Source, StateFilter};
+use cogmint_core::model::motion::Motion;
+use cogmint_core::model::range::Regression;
+use cogmint_core::model::source::{Sight, Source};
+use cogmint_core::perceptor::association::outcome::Innovation;
+use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_core::trace::TraceHash;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -112,14 +116,7 @@ fn step(
     let (regress, lines) = instructions(|| lines(filter, scene))?;
     let (update, ()) = instructions(|| {
         filter.update(lines.iter().zip(ranges_m).map(|(regression, range_m)| {
-            let nu = range_m - regression.range_m;
-            Innovation {
-                regression: *regression,
-                weight: 1.0,
-                first_m: nu,
-                second_m2: nu * nu,
-                variance_m2: scene.variance_m2,
-            }
+            Innovation::hard(*regression, range_m - regression.range_m, scene.variance_m2)
         }));
     })?;
     Ok([predict, regress, update])

@@ -10,13 +10,13 @@ use cogmint_board::host::{self, Fault, File, Line};
 use cogmint_board::meter::{Instructions, MeterError, Scratch, instructions};
 use cogmint_core::Config;
 use cogmint_core::config::Radio;
-use cogmint_core::controller::library::{LIBRARY_WIDE, Library};
-use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Outlook, Scene, Visible};
+use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, PlanningState, Visible};
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::ChannelMemory;
-use cogmint_core::perceptor::state_filter::Source;
-use cogmint_core::pulse::PulseShape;
+use cogmint_core::model::source::Source;
+use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
+use cogmint_core::radio::pulse::PulseShape;
 use cogmint_core::trace::TraceHash;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -85,14 +85,14 @@ fn run(slot: &mut MaybeUninit<Memory>) -> Result<(), Fault> {
     Ok(())
 }
 
-fn outlook(feed: &mut File) -> Result<Outlook, Fault> {
+fn outlook(feed: &mut File) -> Result<PlanningState, Fault> {
     let mut floats = [0.0; 14];
     for place in &mut floats {
         *place = float(feed)?;
     }
     let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_std_m_s2, ..] = floats;
     let [.., variance_inflation, range_floor_m, roll_off, threshold] = floats;
-    Ok(Outlook {
+    Ok(PlanningState {
         position_m: [x, y],
         velocity_m_s: [u, v],
         covariance: Matrix4::new(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, 0.0, uu, 0.0, 0.0, 0.0, 0.0, vv),
@@ -110,7 +110,7 @@ fn outlook(feed: &mut File) -> Result<Outlook, Fault> {
 #[inline(never)]
 fn measure(
     steps: usize,
-    outlook: &Outlook,
+    outlook: &PlanningState,
     visible: &Vec<Visible, SOURCES>,
     memory: &Memory,
     library: &Library<ACTIONS>,
@@ -120,7 +120,7 @@ fn measure(
     let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };
     let given = [PositionInformation::default(); LONGEST_HORIZON];
     let (count, rewards) = instructions(|| {
-        Scene::new(horizon, outlook, memory, library).plan(&planned, visible.iter().copied(), &given)
+        Planner::new(horizon, outlook, memory, library).plan(&planned, visible.iter().copied(), &given)
     })?;
     let mut hash = TraceHash::default();
     rewards.iter().for_each(|reward| hash.float(*reward));

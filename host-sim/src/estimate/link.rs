@@ -256,7 +256,7 @@ mod tests {
                 let index = place + jitter;
                 let scatter_m = 0.005 * (f64::from((4 * n as u32 + 1) * n as u32 % 11) - 5.0);
                 let range_m = TRUE_M + scatter_m + follows * jitter * SPACING_S * SPEED_OF_LIGHT_M_S;
-                let pulse = cogmint_core::pulse::Pulse::root_raised_cosine(0.5e-9, 0.6);
+                let pulse = cogmint_core::radio::pulse::Pulse::root_raised_cosine(0.5e-9, 0.6);
                 let sample = |n: usize| {
                     let value = 300.0 * pulse.autocorrelation(((n as f64 - place) / 2.0) as f32);
                     // Noise enough for a level.

@@ -9,11 +9,11 @@ mod truth;
 use crate::input_error::InputError;
 use crate::recording::{ARRAYS_FILE, Cycle, Frame, META_FILE, Recording, Samples};
 use crate::replay::{PATHS, pulse_shape};
-use cogmint_core::observation::{self, SampleFault};
+use cogmint_core::model::observation::{self, SampleFault};
 use cogmint_core::perceptor::channel_estimator::{
     self, ChannelEstimate, ChannelEstimator, FirstPathDetector,
 };
-use cogmint_core::pulse::{Pulse, PulseTable};
+use cogmint_core::radio::pulse::{Pulse, PulseTable};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;

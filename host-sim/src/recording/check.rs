@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::input_error::number;
 
-use cogmint_core::pulse::PULSE_SAMPLES;
+use cogmint_core::radio::pulse::PULSE_SAMPLES;
 
 use super::{
     Anchor, Angles, Cycle, LINE_TOLERANCE_M, MAX_ANCHORS, MAX_ANTENNAS, MAX_CYCLES, MAX_FRAMES,

@@ -17,7 +17,7 @@ use super::association::{Measurement, is_earlier};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
 use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, predict_agent, regress_distance};
 use super::{Matrix, zeros};
-use cogmint_core::perceptor::state_filter::Motion;
+use cogmint_core::model::motion::Motion;
 use std::cmp::Ordering;
 use std::fmt;
 

@@ -12,7 +12,7 @@
 use super::association::Measurement;
 use super::controller::Library;
 use super::real::{Real, abs, exp, larger, limited, ln, smaller, square};
-use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::model::source::Source;
 use std::fmt;
 
 const WINDOW: f32 = 40.0;

@@ -13,10 +13,10 @@ use super::pulse::Pulse;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square};
 use super::state_filter::predict_agent;
 use cogmint_core::config::{ControllerSettings, Radio};
-use cogmint_core::controller::library::Action;
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::controller::value::Learning;
-use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::model::source::Source;
+use cogmint_core::radio::library::Action;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 

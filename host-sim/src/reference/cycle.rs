@@ -18,10 +18,10 @@ use super::pulse::Pulse;
 use super::real::{Real, abs, larger, limited, smaller, speed_of_light, square};
 use super::state_filter::{Agent, Innovation, PX, PY, Prior, Regression, Sight, StateFilter, VX, VY};
 use super::{Matrix, zeros};
-use cogmint_core::controller::library::Action;
-use cogmint_core::observation::{Frame, Observation, RangeScan};
+use cogmint_core::model::observation::{Frame, Observation, RangeScan};
+use cogmint_core::model::source::Source;
 use cogmint_core::perceptor::association::Mode;
-use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::radio::library::Action;
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 
 /// Detection probability of a source that is hidden, and of a virtual anchor that is on the map but was never seen.

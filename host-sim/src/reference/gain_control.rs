@@ -11,7 +11,7 @@
 //! too large by -x.
 
 use super::real::{Real, exp, larger, limited, ln, square};
-use cogmint_core::observation::Samples;
+use cogmint_core::model::observation::Samples;
 use std::fmt;
 
 const STANDS_OUT: f32 = 8.0;

@@ -7,7 +7,7 @@
 //! The channel estimator uses R from a table of 64 steps per T_p up to 4 T_p, interpolated linearly: the table is
 //! part of the contract, not the closed form.
 
-use cogmint_core::pulse::{PULSE_SAMPLES, PulseShape};
+use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
 
 use super::real::{Real, abs, cos, larger, limited, pi, sin, speed_of_light, sqrt, square, tau};
 

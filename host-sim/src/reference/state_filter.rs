@@ -17,7 +17,8 @@
 use super::Matrix;
 use super::real::{Real, larger, smaller, sqrt, square};
 use super::zeros;
-use cogmint_core::perceptor::state_filter::{Motion, Source};
+use cogmint_core::model::motion::Motion;
+use cogmint_core::model::source::Source;
 use std::fmt;
 
 /// Indices of the tag's states.

@@ -116,7 +116,7 @@ impl Radio {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cogmint_core::controller::library::{
+    use cogmint_core::radio::library::{
         Action as CoreAction, LIBRARY_DW1000, LIBRARY_DW3000, LIBRARY_HRP_EUROPE, LIBRARY_PUBLISHED,
         LIBRARY_WIDE,
     };

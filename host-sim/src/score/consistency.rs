@@ -12,9 +12,10 @@
 //! Source: Bar-Shalom, Li, Kirubarajan 2001, section 5.4.
 
 use crate::replay::{PATHS, VAS};
+use cogmint_core::model::measurement::Measurement;
+use cogmint_core::model::range::Regression;
 use cogmint_core::observer::Observer;
-use cogmint_core::perceptor::association::{Beliefs, Measurement};
-use cogmint_core::perceptor::state_filter::Regression;
+use cogmint_core::perceptor::association::Beliefs;
 use serde::Serialize;
 
 /// 95 % quantile of chi-square with two degrees of freedom: -2 ln 0.05.

@@ -22,7 +22,7 @@ use super::map::{Map, Wanted};
 use super::{CycleScans, Source, rise_m, told};
 use crate::recording::{Cycle, Recording};
 use crate::replay::Setup;
-use cogmint_core::pulse::Pulse;
+use cogmint_core::radio::pulse::Pulse;
 use cogmint_core::real::SPEED_OF_LIGHT_M_S;
 use rayon::prelude::*;
 

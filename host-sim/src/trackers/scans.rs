@@ -14,9 +14,9 @@ use super::{CycleScans, Scan, ScanPath, Source};
 use crate::recording::{Recording, TruthPath};
 use crate::replay::{CycleInput, PATHS, Setup, inputs};
 use crate::score::assignment::cheapest;
-use cogmint_core::observation::{Frame, LONGEST_SCAN, Observation, Range};
+use cogmint_core::model::observation::{Frame, LONGEST_SCAN, Observation, Range};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
-use cogmint_core::pulse::Pulse;
+use cogmint_core::radio::pulse::Pulse;
 use cogmint_core::real::SPEED_OF_LIGHT_M_S;
 use rayon::prelude::*;
 

@@ -317,7 +317,7 @@ fn with_an_exact_map_the_bound_is_the_posterior_one() {
 /// A frame's paths alone and far apart are worth s^2 / (1 + s), and a wide map makes them worth less.
 #[test]
 fn what_a_path_alone_is_worth_is_its_closed_form_and_overlap_takes_off() {
-    let pulse = cogmint_core::pulse::Pulse::root_raised_cosine(0.5e-9, 0.6);
+    let pulse = cogmint_core::radio::pulse::Pulse::root_raised_cosine(0.5e-9, 0.6);
     let apart = bound::variances_m2(&pulse, &[10e-9, 30e-9], &[100.0, 0.5]);
     for (variance_m2, s) in apart.iter().zip([100.0_f64, 0.5]) {
         let expected_m2 = f64::from(pulse.range_variance_m2(1.0)) * (1.0 + s) / (s * s);

@@ -5,10 +5,10 @@ use crate::plot::{ChannelFigure, ChannelPath, Picture};
 use crate::recording::{ARRAYS_FILE, Cycle, Frame, Recording, Samples};
 use crate::replay::{PATHS, pulse_shape};
 use cogmint_core::Config;
-use cogmint_core::observation;
-use cogmint_core::observation::SampleFault;
+use cogmint_core::model::observation;
+use cogmint_core::model::observation::SampleFault;
 use cogmint_core::perceptor::channel_estimator::{ChannelEstimator, FirstPathDetector};
-use cogmint_core::pulse::Pulse;
+use cogmint_core::radio::pulse::Pulse;
 use std::path::Path;
 
 /// How much is shown before the first path and behind the last one, seconds.

@@ -8,7 +8,7 @@ use cogmint::recording::{
     VirtualAnchor,
 };
 use cogmint::replay::{ACTIONS, PATHS, VAS};
-use cogmint_core::pulse::{Pulse, SUPPORT};
+use cogmint_core::radio::pulse::{Pulse, SUPPORT};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 

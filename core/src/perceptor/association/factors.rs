@@ -1,16 +1,12 @@
 //! The factors of the features of one anchor, and which features compete for the same measurements.
 
-use super::{Clutter, Expectation, Measurement};
+use crate::model::measurement::{Clutter, Measurement, is_earlier};
+use crate::perceptor::expectation::Expectation;
 use crate::real::{exp, larger, sqrt};
 use heapless::Vec;
 
 /// Beyond this many standard deviations a measurement cannot belong to a feature.
 const GATE: f32 = 4.0;
-
-/// Whether a measurement is clearly, by two deviations, shorter than a direct path of this range and variance.
-pub fn is_earlier(measurement: &Measurement, direct_m: f32, variance_m2: f32) -> bool {
-    measurement.range_m < direct_m - 2.0 * sqrt(variance_m2 + measurement.variance_m2)
-}
 
 /// How a feature's beliefs are formed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

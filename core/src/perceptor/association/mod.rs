@@ -17,54 +17,17 @@
 //! expected to be, because a map that is wrong would then explain away that the tag is elsewhere.
 
 mod belief_propagation;
-mod detection;
+pub mod evidence;
 mod exact;
 mod factors;
+pub mod outcome;
 
-pub use self::detection::{detection_probability, false_alarm, missed_odds};
-pub use self::factors::is_earlier;
+use super::expectation::Expectation;
+use crate::model::measurement::{Clutter, Measurement};
 use crate::real::larger;
 use exact::{STATES, Trellis};
 use factors::{Rows, Stage, members};
 use heapless::Vec;
-
-/// A measurement as association and filter see it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Measurement {
-    /// Distance, metres.
-    pub range_m: f32,
-    /// Variance, square metres.
-    pub variance_m2: f32,
-    /// Component SINR where the measurement is an estimated path; 0 where nothing is known of it.
-    pub sinr: f32,
-    /// Energy of the path, in squared units of the samples or in the frame's white noise; 0 where nothing is known of it.
-    pub energy: f32,
-    /// Density of false alarms of its strength over that of all false alarms, 0 to 1; 1 where nothing is known of it.
-    pub false_alarm: f32,
-}
-
-/// What is expected of one feature before the measurements arrive.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Expectation {
-    /// Expected range, metres.
-    pub range_m: f32,
-    /// Variance of the expected range, square metres, measurement noise not included.
-    pub variance_m2: f32,
-    /// Probability that the feature exists.
-    pub existence: f32,
-    /// Probability that an existing feature is detected.
-    pub detection: f32,
-}
-
-/// Intensities of measurements that come from no known feature, per metre of range.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Clutter {
-    /// False alarms.
-    pub false_alarms_per_m: f32,
-    /// False alarms and paths of virtual anchors not in the map.
-    pub all_per_m: f32,
-}
 
 /// Which association the state filter gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -18,7 +18,7 @@ use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
 use super::noise::{CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
-use crate::observation::Complex;
+use crate::model::observation::Complex;
 use crate::real::{abs, larger, smaller};
 use heapless::Vec;
 

@@ -3,8 +3,8 @@
 //! A pulse reaches a few samples only, and components that do not reach each other do not know of each other: what
 //! a component costs depends on its neighbours, not on how many there are in the frame.
 
-use crate::observation::Complex;
-use crate::pulse::PulseTable;
+use crate::model::observation::Complex;
+use crate::radio::pulse::PulseTable;
 use crate::real::{floor, larger, sqrt};
 
 /// One path while it is being estimated.

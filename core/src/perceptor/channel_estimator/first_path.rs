@@ -19,8 +19,8 @@
 
 use super::noise::white_level;
 use super::{Pulse, detection_threshold};
-use crate::observation::{Complex, Samples};
-use crate::pulse::PulseTable;
+use crate::model::observation::{Complex, Samples};
+use crate::radio::pulse::PulseTable;
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, sqrt};
 
 /// Decay time of dense multipath taken for granted here, seconds.
@@ -286,7 +286,7 @@ fn kernels(band: f32) -> [[f32; TAPS]; PHASES] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pulse::PulseShape;
+    use crate::radio::pulse::PulseShape;
     use rand_core::{Rng, SeedableRng};
     use rand_xoshiro::Xoshiro128PlusPlus;
     use std::vec::Vec;

@@ -1,6 +1,6 @@
 //! Band-limited interpolation of a frame between its samples.
 
-use crate::observation::Complex;
+use crate::model::observation::Complex;
 use crate::real::{floor, sin};
 
 /// Taps of the kernel.

@@ -18,7 +18,7 @@
 
 use super::noise::{CutPowers, LevelSteps, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path};
-use crate::pulse::PulseTable;
+use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
 use heapless::Vec;
 
@@ -334,7 +334,7 @@ fn alignment(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pulse::Pulse;
+    use crate::radio::pulse::Pulse;
 
     #[test]
     fn the_alignment_is_the_mean_cosine_of_a_concentrated_phase() {

@@ -19,8 +19,8 @@ mod interpolation;
 mod magnitude;
 mod noise;
 
-use crate::observation::{Complex, SampleFault, Samples};
-use crate::pulse::{Pulse, PulseTable};
+use crate::model::observation::{Complex, SampleFault, Samples};
+use crate::radio::pulse::{Pulse, PulseTable};
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;

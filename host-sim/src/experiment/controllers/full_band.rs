@@ -3,7 +3,7 @@
 
 use crate::channel::Channel;
 use crate::replay::{ACTIONS, PATHS, VAS};
-use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::model::source::Source;
 use cogmint_core::{Error, Tracker};
 
 /// A source of the tracker is the image this near to it, metres.

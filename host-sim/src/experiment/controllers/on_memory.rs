@@ -8,8 +8,9 @@ use super::truth::Actions;
 use crate::bound::posterior::Posterior;
 use crate::channel::random::normal;
 use cogmint_core::memory::environment::CONFIRMED;
-use cogmint_core::perceptor::association::detection_probability;
-use cogmint_core::perceptor::state_filter::Source;
+use cogmint_core::model::channel::ChannelKnowledge as _;
+use cogmint_core::model::detection::detection_probability;
+use cogmint_core::model::source::Source;
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 

@@ -9,7 +9,7 @@ use crate::bound::posterior::Posterior;
 use crate::bound::{Information, information_found};
 use crate::replay::{PATHS, Setup};
 use crate::simulator::Simulator;
-use cogmint_core::perceptor::association::detection_probability;
+use cogmint_core::model::detection::detection_probability;
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
 
 use rayon::prelude::*;

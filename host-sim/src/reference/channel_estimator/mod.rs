@@ -13,7 +13,7 @@ mod noise;
 
 use super::pulse::{Pulse, PulseTable};
 use super::real::{Real, larger, limited, ln, pi, speed_of_light, sqrt, square};
-use cogmint_core::observation::Samples;
+use cogmint_core::model::observation::Samples;
 use interpolation::Interpolation;
 
 pub use noise::{DenseMultipath, NoiseLevel};

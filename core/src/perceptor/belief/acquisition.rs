@@ -16,8 +16,10 @@
 //! places yet is weighed as well, as a tag that may be anywhere; until that has become too light to matter, every scan
 //! proposes places, and none is settled on.
 
-use super::association::{Measurement, is_earlier};
-use super::state_filter::{Agent, DistanceRegression, Motion, predict_agent, regress_distance};
+use crate::model::measurement::{Measurement, is_earlier};
+use crate::model::motion::{Agent, Motion, predicted};
+use crate::model::range::{DistanceRegression, regress_distance};
+use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::real::{TAU, exp, larger, ln, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix4, Vector4};
@@ -137,7 +139,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             self.places.iter_mut().map(|place| &mut place.agent).chain(core::iter::once(&mut self.prior))
         {
             let v = agent.mean;
-            let c = predict_agent(&agent.covariance, elapsed_s, motion.acceleration_std_m_s2);
+            let c = predicted(&agent.covariance, elapsed_s, motion.acceleration_std_m_s2);
             if larger(c.m11, c.m22) > limit {
                 let (x, y) = (smaller(c.m11, limit), smaller(c.m22, limit));
                 agent.mean = Vector4::new(v.x, v.y, 0.0, 0.0);
@@ -486,7 +488,8 @@ impl Place {
             let density = if given.is_some() { 1.0 } else { exp(-0.5 * nis) / sqrt(TAU * variance) };
             heard.weight_ln += ln(larger(direct.detection * density * shorter / all_per_m, 1e-12));
             if given.is_none() {
-                heard.correct(&line, explained, own, [1.0, innovation, innovation * innovation]);
+                let hard = Moments { weight: 1.0, first_m: innovation, second_m2: innovation * innovation };
+                heard.correct(&line, explained, own, &hard);
             }
             heard.weigh_reflections(
                 sweep,
@@ -558,30 +561,23 @@ impl Place {
             let [xx, yx, yy] = landmark.covariance_m2;
             let own = gx * (gx * xx + gy * yx) + gy * (gx * yx + gy * yy);
             if weight > 1e-3 * total && own * weight < noise {
-                let moments = [weight / total, first / total, second / total];
-                self.correct(&line, explained, noise / weight, moments);
+                let moments =
+                    Moments { weight: weight / total, first_m: first / total, second_m2: second / total };
+                self.correct(&line, explained, noise / weight, &moments);
             }
         }
     }
 
     /// Moves the tag by ranges of total probability, first and second moment of the innovation: only the tag, a virtual
     /// anchor's own error is noise.
-    fn correct(
-        &mut self,
-        line: &DistanceRegression,
-        explained: f32,
-        noise: f32,
-        [share, first, second]: [f32; 3],
-    ) {
+    fn correct(&mut self, line: &DistanceRegression, explained: f32, noise: f32, moments: &Moments) {
         let c = &self.agent.covariance;
         let [gx, gy] = line.slope;
         let (wx, wy) = (gx * c.m11 + gy * c.m21, gx * c.m21 + gy * c.m22);
         let (wu, wv) = (gx * c.m31 + gy * c.m32, gx * c.m41 + gy * c.m42);
         let of_tag = gx * wx + gy * wy;
-        let inverse = 1.0 / larger(explained + noise, of_tag * (1.0 + 1.0 / 1024.0));
-        let spread = larger(second - first * first, 0.0);
-        let scale = smaller((spread * inverse - share) * inverse, inverse);
-        let step = inverse * first;
+        let SoftUpdate { mean: step, covariance: scale } =
+            SoftUpdate::new(moments, explained + noise, of_tag);
         self.agent.mean += Vector4::new(wx * step, wy * step, wu * step, wv * step);
         let (sx, sy, su, sv) = (scale * wx, scale * wy, scale * wu, scale * wv);
         self.agent.covariance = symmetric(

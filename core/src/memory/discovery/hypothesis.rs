@@ -9,6 +9,8 @@
 //! The joint covariance with the tag's position, seen by this hypothesis alone, is explained in `common_motion`.
 
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product};
+use crate::model::range::{FivePoints, SIGMA_POINT};
+use crate::model::soft_update::Moments;
 use crate::real::{larger, smaller, sqrt};
 use nalgebra::{Matrix2, Vector2};
 
@@ -36,14 +38,6 @@ pub(crate) struct Hypothesis {
     pub weight: f32,
 }
 
-/// The ranges associated with a hypothesis, summed up.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Associated {
-    pub weight: f32,
-    pub first_m: f32,
-    pub second_m2: f32,
-}
-
 /// Regression of a range on angle, radius and the tag's position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PolarRegression {
@@ -65,26 +59,21 @@ impl Hypothesis {
         let l11 = sqrt(larger(aa, LEAST_ANGLE));
         let l21 = ra / l11;
         let l22 = sqrt(larger(rr - l21 * l21, LEAST_RADIUS_M2));
-        let root3 = 1.732_050_8;
         let height2 = height_m * height_m;
         let range = |[ux, uy]: [f32; 2], radius: f32| {
             let (dx, dy) = (ox + radius * ux, oy + radius * uy);
             sqrt(dx * dx + dy * dy + height2)
         };
         let here = self.direction;
-        let turn = rotation(root3 * l11);
+        let turn = rotation(SIGMA_POINT * l11);
         let [c, s] = turn;
         let centre = range(here, self.radius_m);
-        let a1 = range(turned(here, turn), self.radius_m + root3 * l21) - centre;
-        let b1 = range(turned(here, [c, -s]), self.radius_m - root3 * l21) - centre;
-        let a2 = range(here, self.radius_m + root3 * l22) - centre;
-        let b2 = range(here, self.radius_m - root3 * l22) - centre;
-        let mean = (a1 + b1 + a2 + b2) * (1.0 / 6.0);
-        let along1 = (a1 - b1) * (0.5 / root3);
-        let along2 = (a2 - b2) * (0.5 / root3);
-        let second = (a1 * a1 + b1 * b1 + a2 * a2 + b2 * b2) * (1.0 / 6.0);
-        let explained = along1 * along1 + along2 * along2;
-        let residual = larger(second - mean * mean - explained, 0.0);
+        let a1 = range(turned(here, turn), self.radius_m + SIGMA_POINT * l21) - centre;
+        let b1 = range(turned(here, [c, -s]), self.radius_m - SIGMA_POINT * l21) - centre;
+        let a2 = range(here, self.radius_m + SIGMA_POINT * l22) - centre;
+        let b2 = range(here, self.radius_m - SIGMA_POINT * l22) - centre;
+        let FivePoints { offset, along: [along1, along2], residual, .. } =
+            FivePoints::new([a1, b1], [a2, b2]);
         let gr = along2 / l22;
         let ga = (along1 - l21 * gr) / l11;
         // The tag moving away from the virtual anchor lengthens the range.
@@ -98,7 +87,7 @@ impl Hypothesis {
         let tag_y = ga * c.m12 + gr * c.m22 + (px * t.m21 + py * t.m22);
         let linear = ga * own_a + gr * own_r + (px * tag_x + py * tag_y);
         PolarRegression {
-            range_m: centre + mean,
+            range_m: centre + offset,
             own: [own_a, own_r],
             tag: [tag_x, tag_y],
             variance_m2: larger(linear, LEAST_RADIUS_M2) + residual,
@@ -107,7 +96,7 @@ impl Hypothesis {
 
     /// Update by the ranges associated with the hypothesis, with total probability `weight`, first and
     /// second moment of the innovations, and `variance` that of an innovation.
-    pub fn correct(&mut self, line: &PolarRegression, associated: &Associated, variance: f32) {
+    pub fn correct(&mut self, line: &PolarRegression, associated: &Moments, variance: f32) {
         let [wa, wr] = line.own;
         let [aa, ra, rr] = self.covariance;
         // As in the state filter, no update shrinks a variance by more than 2^-10 at once.

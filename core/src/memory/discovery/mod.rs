@@ -15,8 +15,8 @@ mod hypothesis;
 
 use self::candidate::Candidate;
 use self::common_motion::{Correction, Prediction};
-use super::association::Measurement;
-use super::state_filter::Agent;
+use crate::model::measurement::Measurement;
+use crate::model::motion::Agent;
 use crate::real::{abs, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};

@@ -7,7 +7,7 @@
 //! state filter knows given p: p <- p + dt (v + C_vp C_pp^-1 (p_own - p)); measurements of other sources reach it as the
 //! information on p that they gave the state filter: J = C_pp+^-1 - C_pp^-1.
 
-use crate::perceptor::state_filter::Agent;
+use crate::model::motion::Agent;
 use crate::real::{larger, sqrt};
 use nalgebra::{Matrix2, Vector2};
 

@@ -6,7 +6,7 @@
 //! where they meet again.
 //!
 //! Where one tag chooses for several anchors, one of them may be gone while the others answer. The tag then calls all of
-//! them to the rendezvous, for a few cycles ([`Roll`]); an anchor that is out of reach is called again only now and then.
+//! them to the rendezvous, for a few cycles ([`LinkStatus`]); an anchor that is out of reach is called again only now and then.
 
 /// Frames lost in a row after which an end goes to the rendezvous.
 const LOST_FRAMES: u32 = 3;
@@ -76,17 +76,17 @@ impl Hop {
 
 /// Who answered the tag of late: the frames lost in a row from each of `ANCHORS` anchors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Roll<const ANCHORS: usize> {
+pub struct LinkStatus<const ANCHORS: usize> {
     lost: [u32; ANCHORS],
 }
 
-impl<const ANCHORS: usize> Default for Roll<ANCHORS> {
+impl<const ANCHORS: usize> Default for LinkStatus<ANCHORS> {
     fn default() -> Self {
         Self { lost: [0; ANCHORS] }
     }
 }
 
-impl<const ANCHORS: usize> Roll<ANCHORS> {
+impl<const ANCHORS: usize> LinkStatus<ANCHORS> {
     /// A cycle has passed: which of the anchors were heard.
     pub fn enter(&mut self, heard: impl Fn(usize) -> bool) {
         for (anchor, lost) in self.lost.iter_mut().enumerate() {
@@ -165,7 +165,7 @@ mod tests {
         for loss in [0_u32, 5, 10, 20] {
             let mut tag = Hop::new(1, 0);
             let mut anchors = [Hop::new(1, 0); 3];
-            let mut roll = Roll::<3>::default();
+            let mut roll = LinkStatus::<3>::default();
             let mut heard_count = [0; 3];
             for cycle in 0..4000 {
                 let mut lost = || rng.next_u32() % 100 < loss;

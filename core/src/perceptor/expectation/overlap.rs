@@ -9,7 +9,7 @@
 //!
 //! Two paths much closer than a pulse give one measurement (unresolved measurements, Koch and van Keuk 1997).
 
-use crate::pulse::Pulse;
+use crate::radio::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, exp, larger, limited};
 
 /// Beyond this many pulse durations paths do not disturb each other.

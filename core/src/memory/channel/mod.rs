@@ -19,9 +19,12 @@
 //! The published estimator, moments of the last 40 amplitudes, is not used: amplitudes that differ between carriers and
 //! places count as noise there, and after a few changes of the carrier it takes strong paths for lost ones.
 
-use crate::controller::library::Library;
-use crate::perceptor::association::Measurement;
-use crate::perceptor::state_filter::Source;
+mod observe;
+
+use crate::model::channel::{ChannelKnowledge, ChannelPrior};
+use crate::model::measurement::Measurement;
+use crate::model::source::Source;
+use crate::radio::library::Library;
 use crate::real::{abs, exp, larger, limited, ln, smaller};
 
 /// Ageing of the counts of frames per cycle: after some 140 cycles half is forgotten.
@@ -322,39 +325,9 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         self.heard.get(anchor).and_then(|heard| heard.get(action)).copied().unwrap_or(0.0)
     }
 
-    /// Probability that nothing hides `source`.
-    pub fn visibility(&self, source: Source) -> f32 {
-        self.row(source).map_or(1.0, |row| row.visibility)
-    }
-
-    /// ln SINR expected of `source` at `action`, as far away as in the last frame, where nothing hides it.
-    pub fn sinr_ln(&self, source: Source, action: usize) -> f32 {
-        let loss_ln = self.loss_ln(action);
-        let Some(row) = self.row(source) else { return self.prior_ln - loss_ln };
-        let excess_ln = row.excess_ln(action);
-        if !row.is_seen() {
-            // What nobody has seen is disturbed like the rest.
-            return limited(self.prior_ln - loss_ln - excess_ln, LEAST_SINR_LN, MOST_SINR_LN);
-        }
-        if self.full_band {
-            return -excess_ln;
-        }
-        let noise_ln = row.noise_ln.unwrap_or(0.0) + excess_ln;
-        let sinr_ln = row.energy_ln - (row.spread_ln + loss_ln) - noise_ln;
-        limited(sinr_ln, LEAST_SINR_LN, MOST_SINR_LN)
-    }
-
     /// SINR (linear) expected of `source` at `action` where nothing hides it.
     pub fn sinr(&self, source: Source, action: usize) -> f32 {
         exp(self.sinr_ln(source, action))
-    }
-
-    /// SINR (linear) that `source` would have with `action` `range_m` away over noise of this level where nothing hides it;
-    /// `None` if it was never seen, or is told anyway.
-    pub fn sinr_over(&self, source: Source, action: usize, range_m: f32, level: f32) -> Option<f32> {
-        let row = self.row(source).filter(|row| row.is_seen() && !self.full_band)?;
-        let energy = exp(row.energy_ln - self.loss_ln(action));
-        Some(energy / larger(level * (range_m * range_m), 1e-30))
     }
 
     /// Every number of the state, in a fixed order, for traces; 0 for noise never received.
@@ -372,6 +345,44 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 }
 
+impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelKnowledge
+    for ChannelMemory<ANCHORS, VAS, ACTIONS>
+{
+    fn visibility(&self, source: Source) -> f32 {
+        self.row(source).map_or(1.0, |row| row.visibility)
+    }
+
+    fn sinr_ln(&self, source: Source, action: usize) -> f32 {
+        let loss_ln = self.loss_ln(action);
+        let Some(row) = self.row(source) else { return self.prior_ln - loss_ln };
+        let excess_ln = row.excess_ln(action);
+        if !row.is_seen() {
+            // What nobody has seen is disturbed like the rest.
+            return limited(self.prior_ln - loss_ln - excess_ln, LEAST_SINR_LN, MOST_SINR_LN);
+        }
+        if self.full_band {
+            return -excess_ln;
+        }
+        let noise_ln = row.noise_ln.unwrap_or(0.0) + excess_ln;
+        let sinr_ln = row.energy_ln - (row.spread_ln + loss_ln) - noise_ln;
+        limited(sinr_ln, LEAST_SINR_LN, MOST_SINR_LN)
+    }
+
+    fn sinr_over(&self, source: Source, action: usize, range_m: f32, level: f32) -> Option<f32> {
+        let row = self.row(source).filter(|row| row.is_seen() && !self.full_band)?;
+        let energy = exp(row.energy_ln - self.loss_ln(action));
+        Some(energy / larger(level * (range_m * range_m), 1e-30))
+    }
+
+    fn prior(&self, source: Source, action: usize) -> ChannelPrior {
+        ChannelPrior {
+            seen: self.has_seen(source),
+            visibility: self.visibility(source),
+            sinr: self.sinr(source, action),
+        }
+    }
+}
+
 /// ln of a power, bounded.
 fn level_ln(level: f32) -> f32 {
     ln(limited(level, 1e-30, 1e30))
@@ -380,8 +391,8 @@ fn level_ln(level: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controller::library::{Action, LIBRARY_DW3000, LIBRARY_WIDE};
-    use crate::perceptor::association::detection_probability;
+    use crate::model::detection::detection_probability;
+    use crate::radio::library::{Action, LIBRARY_DW3000, LIBRARY_WIDE};
     use rand_core::{Rng, SeedableRng};
 
     const SOURCE: Source = Source::Direct { anchor: 0 };

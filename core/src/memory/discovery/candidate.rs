@@ -1,9 +1,10 @@
 //! A virtual anchor in the making: a ring of hypotheses around the place it was first heard at.
 
 use super::common_motion::{Correction, Prediction};
-use super::hypothesis::{Associated, Hypothesis, turned};
+use super::hypothesis::{Hypothesis, turned};
 use super::{Background, Discovered, GATE, HYPOTHESES, Viewpoint};
-use crate::perceptor::association::Measurement;
+use crate::model::measurement::Measurement;
+use crate::model::soft_update::Moments;
 use crate::real::{TAU, exp, larger, limited, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
@@ -140,7 +141,7 @@ impl Candidate {
         let mut hit = 0.0;
         for hypothesis in &mut self.hypotheses {
             let line = hypothesis.regress(offset, viewpoint.height_m);
-            let mut associated = Associated::default();
+            let mut associated = Moments::default();
             let mut noise = 0.0;
             for ((measurement, &psi), &nu) in measurements.iter().zip(psi).zip(nu) {
                 if psi <= 0.0 {

@@ -1,0 +1,41 @@
+//! Clutter memory: how many measurements of each anchor belong to nothing known.
+
+use crate::config::{AssociationSettings, Ranging};
+use crate::model::measurement::Clutter;
+use crate::real::larger;
+
+/// Mean number of measurements per scan that belong to nothing known, by anchor.
+#[derive(Clone, Debug)]
+pub struct ClutterMemory<const ANCHORS: usize> {
+    settings: AssociationSettings,
+    per_m: f32,
+    unexplained: [f32; ANCHORS],
+}
+
+impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
+    /// What is expected at the start.
+    pub fn new(settings: AssociationSettings, ranging: &Ranging) -> Self {
+        let unexplained = settings.clutter_per_anchor + settings.unmapped_per_anchor;
+        Self { settings, per_m: 1.0 / ranging.max_range_m, unexplained: [unexplained; ANCHORS] }
+    }
+
+    /// Intensities of what an anchor delivers that belongs to nothing known.
+    pub fn clutter(&self, anchor: usize) -> Clutter {
+        Clutter {
+            all_per_m: self.unexplained.get(anchor).copied().unwrap_or(0.0) * self.per_m,
+            false_alarms_per_m: self.settings.clutter_per_anchor * self.per_m,
+        }
+    }
+
+    /// Enters the expected number of measurements of a scan that belong to nothing known.
+    pub fn observe(&mut self, anchor: usize, expected: f32) {
+        if let Some(unexplained) = self.unexplained.get_mut(anchor) {
+            *unexplained = larger(0.95 * *unexplained + 0.05 * expected, self.settings.clutter_per_anchor);
+        }
+    }
+
+    /// Mean number of measurements per scan that belong to nothing known, by anchor.
+    pub fn unexplained(&self) -> &[f32; ANCHORS] {
+        &self.unexplained
+    }
+}

@@ -1,0 +1,33 @@
+//! Measurements of one anchor, and what they may be if they belong to nothing known.
+
+use crate::real::sqrt;
+
+/// A measurement as association and filter see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Measurement {
+    /// Distance, metres.
+    pub range_m: f32,
+    /// Variance, square metres.
+    pub variance_m2: f32,
+    /// Component SINR where the measurement is an estimated path; 0 where nothing is known of it.
+    pub sinr: f32,
+    /// Energy of the path, in squared units of the samples or in the frame's white noise; 0 where nothing is known of it.
+    pub energy: f32,
+    /// Density of false alarms of its strength over that of all false alarms, 0 to 1; 1 where nothing is known of it.
+    pub false_alarm: f32,
+}
+
+/// Intensities of measurements that come from no known feature, per metre of range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Clutter {
+    /// False alarms.
+    pub false_alarms_per_m: f32,
+    /// False alarms and paths of virtual anchors not in the map.
+    pub all_per_m: f32,
+}
+
+/// Whether a measurement is clearly, by two deviations, shorter than a direct path of this range and variance.
+pub fn is_earlier(measurement: &Measurement, direct_m: f32, variance_m2: f32) -> bool {
+    measurement.range_m < direct_m - 2.0 * sqrt(variance_m2 + measurement.variance_m2)
+}

@@ -1,0 +1,12 @@
+//! The model that all stages share: anchors and sources, what is observed of them, how the tag moves, how a range depends on
+//! both, and what a range does to a Gaussian state.
+
+pub mod anchor;
+pub mod channel;
+pub mod detection;
+pub mod measurement;
+pub mod motion;
+pub mod observation;
+pub mod range;
+pub mod soft_update;
+pub mod source;

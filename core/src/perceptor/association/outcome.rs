@@ -1,0 +1,128 @@
+//! A scan with what it was compared to and what came out: what the update and the memories read.
+
+use super::evidence::evidence_nat;
+use super::{Belief, Beliefs, Mode, associate};
+use crate::model::measurement::{Clutter, Measurement};
+use crate::model::range::Regression;
+use crate::model::soft_update::Moments;
+use crate::perceptor::expectation::Expectations;
+use crate::perceptor::scan::Scan;
+use heapless::Vec;
+
+/// Total probability below which an association moves nothing: guard of the division by it.
+const LEAST_WEIGHT: f32 = 1e-3;
+
+/// A scan, its expectations and the beliefs about them.
+#[derive(Clone, Debug)]
+pub struct AssociatedScan<'a, const VAS: usize, const PATHS: usize> {
+    /// What was received.
+    pub scan: &'a Scan<PATHS>,
+    /// What it was expected to show.
+    pub expected: Expectations<VAS>,
+    /// Which measurement belongs to which source.
+    pub beliefs: Beliefs<VAS, PATHS>,
+    /// Evidence that the tag is where it is believed to be, nats.
+    pub evidence_nat: f32,
+}
+
+/// The measurements associated with one source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Innovation {
+    /// The regression the innovations refer to.
+    pub regression: Regression,
+    /// Their probabilities and values, relative to the expected range.
+    pub moments: Moments,
+    /// Variance of the measurement, square metres.
+    pub variance_m2: f32,
+}
+
+impl Innovation {
+    /// Of one measurement that is `innovation_m` from what is expected, and belongs to it for certain.
+    pub fn hard(regression: Regression, innovation_m: f32, variance_m2: f32) -> Self {
+        let moments = Moments { weight: 1.0, first_m: innovation_m, second_m2: innovation_m * innovation_m };
+        Self { regression, moments, variance_m2 }
+    }
+}
+
+impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
+    /// Every source with the beliefs about it, the direct path first.
+    pub fn features(&self) -> impl Iterator<Item = (&Regression, &Belief<PATHS>)> + Clone {
+        self.expected.regressions().zip(self.beliefs.features())
+    }
+
+    /// What the state is moved by: one innovation for every source with which anything is associated.
+    pub fn innovations(&self) -> impl Iterator<Item = Innovation> + '_ {
+        let measurements = &self.scan.measurements;
+        self.features().filter_map(|(regression, belief)| innovation(regression, measurements, belief))
+    }
+
+    /// Number of measurements, and how many of them more likely than not belong to a known source.
+    pub fn counts(&self) -> (u32, u32) {
+        let (mut measurements, mut associated) = (0, 0);
+        for (_, &free) in self.scan.measurements.iter().zip(&self.beliefs.unassociated) {
+            measurements += 1;
+            associated += u32::from(free <= 0.5);
+        }
+        (measurements, associated)
+    }
+
+    /// Expected number of measurements that belong to nothing known.
+    pub fn unexplained(&self) -> f32 {
+        let free = self.beliefs.unassociated.iter().take(self.scan.measurements.len());
+        free.fold(0.0, |sum, free| sum + free)
+    }
+}
+
+/// Which measurement of a scan belongs to which source. `claims` says, per measurement, how much more probable something that is
+/// not expected makes it than clutter would.
+#[inline(never)]
+pub fn associate_scan<'a, const VAS: usize, const PATHS: usize>(
+    scan: &'a Scan<PATHS>,
+    expected: Expectations<VAS>,
+    claims: &[f32; PATHS],
+    clutter: &Clutter,
+    mode: Mode,
+) -> AssociatedScan<'a, VAS, PATHS> {
+    let Expectations { direct_path, expectations, .. } = &expected;
+    let evidence_nat = evidence_nat(&scan.measurements, direct_path, expectations.iter(), clutter);
+    let mut beliefs = associate(direct_path, expectations, &scan.measurements, claims, clutter);
+    if mode == Mode::Map {
+        beliefs.harden();
+    }
+    AssociatedScan { scan, expected, beliefs, evidence_nat }
+}
+
+/// Sums up the measurements associated with a source; `None` where hardly any probability is.
+fn innovation<const PATHS: usize>(
+    regression: &Regression,
+    measurements: &Vec<Measurement, PATHS>,
+    belief: &Belief<PATHS>,
+) -> Option<Innovation> {
+    let mut moments = Moments::default();
+    let mut variance = 0.0;
+    for (measurement, &p) in measurements.iter().zip(&belief.associated) {
+        let nu = measurement.range_m - regression.range_m;
+        moments.weight += p;
+        moments.first_m += p * nu;
+        moments.second_m2 += p * (nu * nu);
+        variance += p * measurement.variance_m2;
+    }
+    if moments.weight < LEAST_WEIGHT {
+        return None;
+    }
+    Some(Innovation { regression: *regression, moments, variance_m2: variance / moments.weight })
+}
+
+/// Mean normalised innovation squared of what was associated: 1 where the filter knows how wrong it is, 0 without
+/// measurements.
+pub fn normalised_innovation<'a, const VAS: usize, const PATHS: usize>(
+    heard: impl Iterator<Item = &'a AssociatedScan<'a, VAS, PATHS>>,
+) -> f32 {
+    let (mut weight, mut squares) = (0.0, 0.0);
+    for innovation in heard.flat_map(AssociatedScan::innovations) {
+        weight += innovation.moments.weight;
+        squares +=
+            innovation.moments.second_m2 / (innovation.regression.variance_m2() + innovation.variance_m2);
+    }
+    if weight > 0.0 { squares / weight } else { 0.0 }
+}

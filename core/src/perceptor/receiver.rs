@@ -1,0 +1,240 @@
+//! Receiver: bad input is refused, frames become paths, and paths and ranges become one scan per anchor.
+
+use super::channel_estimator::ChannelEstimator;
+use super::gain_control::GainControl;
+use super::scan::{FrameLevel, Scan};
+use crate::config::{Radio, Ranging};
+use crate::error::Error;
+use crate::model::measurement::Measurement;
+use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
+use crate::observer::Observer;
+use crate::radio::library::Library;
+use crate::radio::pulse::Pulse;
+use crate::real::SPEED_OF_LIGHT_M_S;
+use heapless::Vec;
+
+/// What the receiver is told of an anchor's link.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinkView {
+    /// The action that the next frame is expected with.
+    pub expected: usize,
+    /// The action held.
+    pub held: usize,
+    /// The action that a lost tag is sought with in place of the one held.
+    pub sought_with: Option<usize>,
+    /// Whether it is not known where the tag is.
+    pub is_lost: bool,
+    /// ln of the power lost to the reference carrier, at the action of the frame.
+    pub loss_ln: f32,
+}
+
+/// The scans of a cycle, in the order of the anchors.
+pub type Scans<const ANCHORS: usize, const PATHS: usize> = Vec<Scan<PATHS>, ANCHORS>;
+
+/// The receiver of all anchors: what it keeps from cycle to cycle.
+#[derive(Clone, Debug)]
+pub struct Receiver<const ANCHORS: usize, const PATHS: usize> {
+    radio: Radio,
+    ranging: Ranging,
+    /// Estimator for the pulse it was last used with; rebuilt when the pulse changes, so no state.
+    estimator: ChannelEstimator<PATHS>,
+    estimator_pulse: Pulse,
+    gain_control: [GainControl; ANCHORS],
+    last_sequence: [Option<u32>; ANCHORS],
+}
+
+/// Which anchors have delivered a frame and ranges in a cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct Delivered<const ANCHORS: usize> {
+    framed: [bool; ANCHORS],
+    ranged: [bool; ANCHORS],
+}
+
+impl<const ANCHORS: usize> Default for Delivered<ANCHORS> {
+    fn default() -> Self {
+        Self { framed: [false; ANCHORS], ranged: [false; ANCHORS] }
+    }
+}
+
+impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
+    /// Nothing received yet; `pulse` is that of the first action.
+    pub fn new(radio: Radio, ranging: Ranging, pulse: Pulse) -> Self {
+        Self {
+            radio,
+            ranging,
+            estimator: build_estimator(&radio, pulse),
+            estimator_pulse: pulse,
+            gain_control: [GainControl::default(); ANCHORS],
+            last_sequence: [None; ANCHORS],
+        }
+    }
+
+    /// Refuses a bad observation of one of the first `anchors`; `delivered` says what came before in the same cycle.
+    ///
+    /// # Errors
+    /// What is wrong with it; nothing has changed then.
+    pub fn check<const ACTIONS: usize>(
+        &self,
+        observation: &Observation<'_>,
+        anchors: usize,
+        library: &Library<ACTIONS>,
+        delivered: &mut Delivered<ANCHORS>,
+    ) -> Result<(), Error> {
+        let anchor = observation.anchor();
+        let unknown = Error::UnknownAnchor { anchor };
+        if anchor >= anchors {
+            return Err(unknown);
+        }
+        let seen = match observation {
+            Observation::Frame(_) => delivered.framed.get_mut(anchor),
+            Observation::Ranges(_) => delivered.ranged.get_mut(anchor),
+        };
+        let seen = seen.ok_or(unknown)?;
+        if *seen {
+            return Err(Error::DuplicateFrame { anchor });
+        }
+        match observation {
+            Observation::Frame(frame) => {
+                if library.get(frame.action).is_none() {
+                    return Err(Error::UnknownAction { action: frame.action });
+                }
+                if frame.sequence.is_some() && self.last_sequence.get(anchor) == Some(&frame.sequence) {
+                    return Err(Error::DuplicateFrame { anchor });
+                }
+                let rules = FrameRules {
+                    samples: self.radio.samples_per_frame,
+                    full_scale: self.radio.full_scale,
+                    max_range_m: self.ranging.max_range_m,
+                };
+                check_frame(frame, &rules)?;
+            }
+            Observation::Ranges(scan) => check_scan(scan, self.ranging.max_range_m)?,
+        }
+        *seen = true;
+        Ok(())
+    }
+
+    /// Takes an observation in that [`Self::check`] has passed.
+    pub fn receive<const VAS: usize, const ACTIONS: usize>(
+        &mut self,
+        scans: &mut Scans<ANCHORS, PATHS>,
+        observation: &Observation<'_>,
+        link: &LinkView,
+        library: &Library<ACTIONS>,
+        observer: &mut impl Observer<VAS, PATHS>,
+    ) {
+        let anchor = observation.anchor();
+        let place = scans.iter().position(|scan| scan.anchor >= anchor).unwrap_or(scans.len());
+        if scans.get(place).is_none_or(|scan| scan.anchor != anchor) {
+            // One per anchor: there is room.
+            let _ = scans.insert(place, Scan::new(anchor, link.expected));
+        }
+        let Some(scan) = scans.get_mut(place) else { return };
+        match observation {
+            Observation::Ranges(ranges) => self.take_ranges(ranges, scan),
+            Observation::Frame(frame) => self.take_frame(frame, scan, link, library, observer),
+        }
+    }
+
+    fn take_ranges(&self, ranges: &RangeScan<'_>, scan: &mut Scan<PATHS>) {
+        let ranging = &self.ranging;
+        scan.take_ranges(ranges.ranges.iter().map(|range| Measurement {
+            range_m: range.range_m,
+            variance_m2: ranging.measurement_variance_m2(range.variance_m2),
+            sinr: 0.0,
+            energy: 0.0,
+            false_alarm: 1.0,
+        }));
+    }
+
+    // Stages are kept apart so that each reuses the stack of the one before.
+    #[inline(never)]
+    fn take_frame<const VAS: usize, const ACTIONS: usize>(
+        &mut self,
+        frame: &Frame<'_>,
+        scan: &mut Scan<PATHS>,
+        link: &LinkView,
+        library: &Library<ACTIONS>,
+        observer: &mut impl Observer<VAS, PATHS>,
+    ) {
+        let Some(action) = library.get(frame.action) else { return };
+        let pulse = self.radio.pulse(action);
+        if pulse != self.estimator_pulse {
+            self.estimator = build_estimator(&self.radio, pulse);
+            self.estimator_pulse = pulse;
+        }
+        let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
+        observer.estimate(frame.anchor, &estimate);
+        let unit = self.unit(frame, estimate.noise.white, link);
+        if let (Some(sequence), Some(last)) = (frame.sequence, self.last_sequence.get_mut(frame.anchor)) {
+            *last = Some(sequence);
+        }
+        let Self { ranging, estimator, radio, .. } = self;
+        scan.action = frame.action;
+        scan.frame = Some(FrameLevel {
+            level: estimate.noise,
+            unit,
+            first_sample_delay_s: frame.first_sample_delay_s,
+            sample_spacing_s: radio.sample_spacing_s,
+            threshold: estimator.threshold(),
+            resolution_m: pulse.duration_s * SPEED_OF_LIGHT_M_S,
+        });
+        for path in &estimate.paths {
+            let range_m = path.range_m();
+            if range_m <= 0.0 || range_m > ranging.max_range_m {
+                continue;
+            }
+            let [re, im] = path.amplitude;
+            scan.take_path(Measurement {
+                range_m,
+                variance_m2: ranging.measurement_variance_m2(pulse.range_variance_m2(path.sinr)),
+                sinr: path.sinr,
+                energy: (re * re + im * im) / unit,
+                false_alarm: 1.0,
+            });
+        }
+    }
+
+    /// What the powers of a frame with this level of white noise are measured in.
+    fn unit(&mut self, frame: &Frame<'_>, white: f32, link: &LinkView) -> f32 {
+        let Some(gain_control) = self.gain_control.get_mut(frame.anchor) else { return 1.0 };
+        if !self.radio.gain_control {
+            return 1.0;
+        }
+        // Where choices are announced, the last frame of a turn comes after it.
+        let own = Some(frame.action);
+        let is_sought = link.is_lost
+            && frame.action != link.held
+            && (link.sought_with == own || gain_control.sought_with() == own);
+        gain_control.unit(frame.samples, white, frame.action, link.loss_ln, is_sought)
+    }
+
+    /// Whether the last frame of an anchor was one in which a lost tag was sought with another action than the one held.
+    pub fn is_sought(&self, anchor: usize) -> bool {
+        self.gain_control.get(anchor).and_then(GainControl::sought_with).is_some()
+    }
+
+    /// The tag was found with an anchor's last frame: see [`GainControl::found`].
+    pub fn found(&mut self, anchor: usize) -> Option<f32> {
+        self.gain_control.get_mut(anchor).and_then(GainControl::found)
+    }
+
+    /// What is known of every anchor's frames where the receiver controls its gain.
+    pub fn gain_control(&self) -> &[GainControl; ANCHORS] {
+        &self.gain_control
+    }
+
+    /// The counter of every anchor's last frame.
+    pub fn last_sequence(&self) -> &[Option<u32>; ANCHORS] {
+        &self.last_sequence
+    }
+
+    /// Threshold on the normalised energy of a path, of the pulse last used.
+    pub fn threshold(&self) -> f32 {
+        self.estimator.threshold()
+    }
+}
+
+fn build_estimator<const PATHS: usize>(radio: &Radio, pulse: Pulse) -> ChannelEstimator<PATHS> {
+    ChannelEstimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame)
+}

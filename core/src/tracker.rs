@@ -1,0 +1,186 @@
+//! The tracker: the perception-action cycle over all stages.
+//!
+//! Every stage takes values and its own state and returns a value. [`Tracker`] holds the states; [`Tracker::finish`] is the
+//! cycle, in the order of its diagram: receive, estimate, predict, expect, associate, update, remember, reward, learn, plan,
+//! act.
+
+mod entries;
+mod stages;
+mod state;
+mod values;
+
+use self::stages::{Heard, associate, follow_manoeuvre, locate, remember, revise_map};
+use self::values::{Known, Told, planning_state, visible};
+use crate::config::Config;
+use crate::controller::Controllers;
+use crate::controller::reward::reward;
+use crate::error::Error;
+use crate::information::entropy::{position_block, position_entropy_nat};
+use crate::memory::channel::ChannelMemory;
+use crate::memory::clutter::ClutterMemory;
+use crate::memory::discovery::Discovery;
+use crate::memory::environment::EnvironmentMemory;
+use crate::model::anchor::Anchor;
+use crate::model::motion::Agent;
+use crate::observer::{Observer, Stage};
+use crate::perceptor::belief::Belief;
+use crate::perceptor::receiver::{Delivered, Receiver, Scans};
+use crate::perceptor::scan::Scan;
+use crate::perceptor::state_filter::StateFilter;
+use crate::radio::library::{Action, Library};
+use crate::report::{CycleReport, MapChanges};
+use heapless::Vec;
+
+/// The tracker: all state of the cognitive system, in fixed memory.
+#[derive(Clone, Debug)]
+pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize> {
+    config: Config,
+    anchors: Vec<Anchor, ANCHORS>,
+    library: Library<ACTIONS>,
+
+    receiver: Receiver<ANCHORS, PATHS>,
+    belief: Belief<ANCHORS>,
+    filter: StateFilter<ANCHORS, VAS>,
+    environment: EnvironmentMemory<VAS>,
+    discovery: Discovery<ANCHORS>,
+    clutter: ClutterMemory<ANCHORS>,
+    channel: ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    controllers: Controllers<ANCHORS, ACTIONS>,
+
+    cycle: u32,
+    /// The cycle begun and not finished.
+    begun: Option<Begun<ANCHORS>>,
+    /// What was received in it.
+    scans: Scans<ANCHORS, PATHS>,
+}
+
+/// A cycle that was begun.
+#[derive(Clone, Copy, Debug)]
+struct Begun<const ANCHORS: usize> {
+    elapsed_s: f32,
+    tag_height_m: Option<f32>,
+    delivered: Delivered<ANCHORS>,
+}
+
+impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
+    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+{
+    /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
+    ///
+    /// # Errors
+    /// [`Error::NotBegun`]; nothing has changed then.
+    pub fn finish(&mut self) -> Result<CycleReport, Error> {
+        self.finish_observed(&mut ())
+    }
+
+    /// [`Self::finish`], watched by an observer.
+    ///
+    /// # Errors
+    /// [`Error::NotBegun`]; nothing has changed then.
+    pub fn finish_observed(
+        &mut self,
+        observer: &mut impl Observer<VAS, PATHS>,
+    ) -> Result<CycleReport, Error> {
+        let Begun { elapsed_s, tag_height_m, .. } = self.begun.take().ok_or(Error::NotBegun)?;
+        let Self {
+            config,
+            anchors,
+            library,
+            receiver,
+            belief,
+            filter,
+            environment,
+            discovery,
+            clutter,
+            channel,
+            controllers,
+            cycle,
+            begun: _,
+            scans,
+        } = self;
+        let told = Told { config, anchors, library, tag_height_m };
+        scans.iter_mut().for_each(Scan::grade_paths);
+
+        observer.stage(Stage::Predict);
+        let last = filter.agent();
+        filter.predict(elapsed_s);
+        let predicted = filter.agent();
+        discovery.predict(&last, &predicted, elapsed_s);
+        belief.predict(&last, &predicted, elapsed_s);
+
+        observer.stage(Stage::Associate);
+        if belief.is_acquiring() {
+            // Candidates are located relative to a tag that is about to jump.
+            discovery.clear();
+            let known = Known { filter, environment, channel, clutter };
+            if let Some(agent) = locate(belief, &told, &known, scans, elapsed_s) {
+                filter.place(&agent);
+            }
+        }
+        if !belief.is_acquiring() {
+            follow_manoeuvre(filter, &told, environment, channel, clutter, scans, elapsed_s);
+        }
+        let known = Known { filter, environment, channel, clutter };
+        let outcomes = associate(&told, &known, discovery, scans, observer);
+        let evidence_nat = outcomes.iter().fold(0.0, |sum, (outcome, _)| sum + outcome.evidence_nat);
+        let lost = belief.watch(evidence_nat, filter.agent());
+
+        let acquiring = belief.is_acquiring();
+        if !acquiring {
+            observer.stage(Stage::Update);
+            let before = filter.agent();
+            filter.update(outcomes.iter().flat_map(|(outcome, _)| outcome.innovations()));
+            discovery.follow(&before, &filter.agent());
+        }
+
+        observer.stage(Stage::Remember);
+        remember(environment, channel, clutter, receiver, &told, belief, controllers, &outcomes);
+
+        observer.stage(Stage::Discover);
+        let map = if acquiring || belief.is_doubtful() {
+            MapChanges::default()
+        } else {
+            revise_map(filter, environment, channel, discovery, clutter, &told, &outcomes)
+        };
+
+        observer.stage(Stage::Act);
+        let posterior = filter.agent();
+        let entropy_nat = |agent: &Agent| position_entropy_nat(&position_block(&agent.covariance));
+        let earned =
+            reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
+        let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
+        let sources = visible(told, environment, filter);
+        let decision = controllers.decide(earned, acquiring, scans, &state, sources, channel, library);
+
+        // While the tag is looked for, nothing is associated with certainty.
+        let heard = if acquiring { Heard::default() } else { Heard::of(&outcomes) };
+        let report = CycleReport {
+            cycle: *cycle,
+            position_m: filter.position_m(),
+            position_covariance_m2: position_block(&posterior.covariance),
+            predicted_entropy_nat: entropy_nat(&predicted),
+            entropy_nat: entropy_nat(&posterior),
+            reward: earned,
+            anchors_heard: heard.anchors,
+            measurements: heard.measurements,
+            left_out: scans.iter().fold(0, |sum, scan| sum + scan.left_out),
+            associated: heard.associated,
+            acquiring,
+            lost,
+            nis: heard.nis,
+            discovered: map.discovered,
+            forgotten: map.forgotten,
+            map_full: map.map_full,
+            action: decision.applied,
+            next_action: decision.next,
+            announced_action: decision.announced,
+            next: library
+                .get(decision.next)
+                .copied()
+                .unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
+        };
+        *cycle = cycle.wrapping_add(1);
+        observer.stage(Stage::Done);
+        Ok(report)
+    }
+}

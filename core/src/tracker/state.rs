@@ -1,0 +1,181 @@
+//! What a tracker is told between cycles, and what can be read of its state.
+
+use super::Tracker;
+use super::values::{Told, planning_state, visible};
+use crate::application::waypoint::{WaypointChoice, WaypointError, WaypointSettings, choose_waypoint};
+use crate::config::Config;
+use crate::controller::Controller;
+use crate::error::Error;
+use crate::memory::channel::ChannelMemory;
+use crate::memory::discovery::Discovery;
+use crate::memory::environment::EnvironmentMemory;
+use crate::model::anchor::Anchor;
+use crate::model::source::Source;
+use crate::perceptor::belief::acquisition::Acquisition;
+use crate::perceptor::gain_control::GainControl;
+use crate::perceptor::state_filter::StateFilter;
+use crate::radio::library::Library;
+use crate::real::abs;
+use crate::trace::TraceHash;
+
+impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
+    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+{
+    /// Narrows what may be chosen for `anchor` to these actions of the library: what its radio can do, or may. Where all
+    /// anchors share one choice, it is narrowed for all. To be called before the first cycle: an action that is no longer
+    /// allowed gives way at once, which the other end of the link is not told.
+    ///
+    /// # Errors
+    /// There is no such anchor or action, or nothing that was allowed is left, or not the rendezvous; nothing has changed
+    /// then.
+    pub fn restrict(&mut self, anchor: usize, actions: &[usize]) -> Result<(), Error> {
+        self.controllers.restrict(anchor, actions, &self.library)
+    }
+
+    /// The controller that chooses for an anchor: its own, or the one for all; `None` for an anchor there is not.
+    pub fn controller_of(&self, anchor: usize) -> Option<&Controller<ACTIONS>> {
+        self.controllers.of(anchor)
+    }
+
+    /// Chooses one of `candidates` (positions, metres) on the way to `goal`, by all that the tracker knows after its
+    /// last cycle and with the carrier of the next one. Changes nothing.
+    ///
+    /// # Errors
+    /// The first bad input, or [`WaypointError::Acquiring`] while it is not known where the tag is.
+    pub fn choose_waypoint(
+        &self,
+        candidates: &[[f32; 2]],
+        goal: Option<[f32; 2]>,
+        tag_height_m: Option<f32>,
+        settings: &WaypointSettings,
+    ) -> Result<WaypointChoice, WaypointError> {
+        if self.acquisition().is_some() {
+            return Err(WaypointError::Acquiring);
+        }
+        // Written so that NaN fails.
+        if !tag_height_m.is_none_or(|height_m| abs(height_m) <= 1000.0) {
+            return Err(WaypointError::TagHeight);
+        }
+        let state = planning_state(&self.config, &self.filter.agent(), self.threshold(), settings.period_s);
+        let Self { config, anchors, library, .. } = self;
+        let told = Told { config, anchors, library, tag_height_m };
+        let sources = visible(told, &self.environment, &self.filter).filter_map(|sight| {
+            let controller = self.controller_of(sight.source.anchor())?;
+            Some((sight, controller.action_index()))
+        });
+        choose_waypoint(candidates, goal, settings, &state, sources, self.channel(), self.library())
+    }
+
+    /// What is known of every anchor's frames where the receiver controls its gain.
+    pub fn gain_control(&self) -> &[GainControl; ANCHORS] {
+        self.receiver.gain_control()
+    }
+
+    /// The state filter.
+    pub fn filter(&self) -> &StateFilter<ANCHORS, VAS> {
+        &self.filter
+    }
+
+    /// The environment memory.
+    pub fn environment(&self) -> &EnvironmentMemory<VAS> {
+        &self.environment
+    }
+
+    /// The channel memory.
+    pub fn channel(&self) -> &ChannelMemory<ANCHORS, VAS, ACTIONS> {
+        &self.channel
+    }
+
+    /// Tells the channel memory the SINR (linear) of a source at every action, which no radio can know: see
+    /// [`ChannelMemory::tell`].
+    ///
+    /// # Errors
+    /// A SINR that is negative or not finite, or not one per action, or a source that there is not; nothing is told then.
+    pub fn tell_channel(&mut self, source: Source, sinr: &[f32]) -> Result<(), Error> {
+        let is_sinr = |sinr: &f32| *sinr >= 0.0 && sinr.is_finite();
+        let is_there = match source {
+            Source::Direct { anchor } => anchor < self.anchors.len(),
+            Source::Virtual { anchor, slot } => {
+                self.environment.get(slot).is_some_and(|record| record.anchor == anchor)
+            }
+        };
+        if sinr.len() != self.library().len() || !sinr.iter().all(is_sinr) || !is_there {
+            return Err(Error::ToldSinr);
+        }
+        self.channel.tell(source, sinr);
+        Ok(())
+    }
+
+    /// The candidates for virtual anchors.
+    pub fn discovery(&self) -> &Discovery<ANCHORS> {
+        &self.discovery
+    }
+
+    /// The places the tag may be at, while it is not known.
+    pub fn acquisition(&self) -> Option<&Acquisition<ANCHORS>> {
+        self.belief.acquisition()
+    }
+
+    /// Mean number of measurements per scan of each anchor that nothing known explains.
+    pub fn unexplained(&self) -> &[f32; ANCHORS] {
+        self.clutter.unexplained()
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The anchors.
+    pub fn anchors(&self) -> &[Anchor] {
+        &self.anchors
+    }
+
+    /// The action library.
+    pub fn library(&self) -> &Library<ACTIONS> {
+        &self.library
+    }
+
+    /// Threshold on the normalised energy of a path, of the pulse last used.
+    pub fn threshold(&self) -> f32 {
+        self.receiver.threshold()
+    }
+
+    /// 64-bit hash over all state: equal hashes after the same inputs mean equal bits.
+    pub fn hash(&self) -> u64 {
+        let mut hash = TraceHash::default();
+        hash.word(self.cycle);
+        self.controllers.links().lost().iter().for_each(|lost| hash.word(*lost));
+        hash.word(u32::from(self.channel.is_full_band()));
+        for controller in self.controllers.all() {
+            controller.words().into_iter().for_each(|word| hash.word(word));
+        }
+        self.receiver.gain_control().iter().for_each(|control| control.visit(|v| hash.float(v)));
+        self.filter.visit(|v| hash.float(v));
+        for (slot, record) in self.environment.iter() {
+            hash.word(slot as u32);
+            hash.word(record.anchor as u32);
+            hash.float(record.existence);
+            hash.word(u32::from(record.misses));
+            hash.word(record.hits);
+        }
+        self.channel.visit(|v| hash.float(v));
+        self.discovery.visit(|v| hash.float(v));
+        hash.word(u32::from(self.belief.is_acquiring()));
+        if let Some(acquisition) = self.belief.acquisition() {
+            acquisition.visit(|v| hash.float(v));
+        }
+        self.belief.visit_loss(|v| hash.float(v));
+        for controller in self.controllers.all() {
+            let (values, policy) = (controller.values().values(), controller.policy());
+            values.iter().chain(policy).for_each(|v| hash.float(*v));
+            hash.float(controller.planned_reward().unwrap_or(0.0));
+        }
+        self.clutter.unexplained().iter().for_each(|v| hash.float(*v));
+        for last in *self.receiver.last_sequence() {
+            hash.word(u32::from(last.is_some()));
+            hash.word(last.unwrap_or(0));
+        }
+        hash.value()
+    }
+}
