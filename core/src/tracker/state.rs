@@ -1,7 +1,7 @@
 //! What a tracker is told between cycles, and what can be read of its state.
 
-use super::Tracker;
 use super::values::{Told, planning_state, visible};
+use super::{Begun, Tracker};
 use crate::application::waypoint::{WaypointChoice, WaypointError, WaypointSettings, choose_waypoint};
 use crate::config::Config;
 use crate::controller::Controller;
@@ -10,6 +10,7 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::Anchor;
+use crate::model::measurement::Measurement;
 use crate::model::source::Source;
 use crate::perceptor::belief::acquisition::Acquisition;
 use crate::perceptor::gain_control::GainControl;
@@ -141,7 +142,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.receiver.threshold()
     }
 
-    /// 64-bit hash over all state: equal hashes after the same inputs mean equal bits.
+    /// 64-bit hash over all state, that of a cycle begun included: equal hashes after the same inputs mean equal bits.
     pub fn hash(&self) -> u64 {
         let mut hash = TraceHash::default();
         hash.word(self.cycle);
@@ -176,6 +177,27 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             hash.word(u32::from(last.is_some()));
             hash.word(last.unwrap_or(0));
         }
+        if let Some(begun) = &self.begun {
+            self.hash_begun(begun, &mut hash);
+        }
         hash.value()
+    }
+
+    /// Adds the cycle begun, and what was received in it.
+    fn hash_begun(&self, begun: &Begun<ANCHORS>, hash: &mut TraceHash) {
+        hash.float(begun.elapsed_s);
+        hash.word(u32::from(begun.tag_height_m.is_some()));
+        hash.float(begun.tag_height_m.unwrap_or(0.0));
+        for scan in &self.scans {
+            hash.word(scan.anchor as u32);
+            hash.word(scan.action as u32);
+            hash.word(u32::from(scan.is_framed()));
+            hash.word(scan.left_out);
+            hash.word(scan.measurements.len() as u32);
+            for measurement in &scan.measurements {
+                let Measurement { range_m, variance_m2, sinr, energy, false_alarm } = *measurement;
+                [range_m, variance_m2, sinr, energy, false_alarm].into_iter().for_each(|v| hash.float(v));
+            }
+        }
     }
 }
