@@ -117,7 +117,7 @@ pub enum Error {
         /// The most allowed.
         limit: usize,
     },
-    /// The tag's height is not finite or beyond 1 km.
+    /// The tag's height is not finite or beyond 1 km, or its deviation negative or beyond 100 m.
     TagHeight,
     /// A SINR told to the channel memory is not finite, or there is not one per action.
     ToldSinr,
@@ -205,7 +205,7 @@ impl fmt::Display for Error {
             Error::RangeCount { anchor, given, limit } => {
                 write!(f, "anchor {anchor} delivered {given} ranges, at most {limit} allowed")
             }
-            Error::TagHeight => write!(f, "the tag's height is out of range"),
+            Error::TagHeight => write!(f, "the tag's height or its deviation is out of range"),
             Error::ToldSinr => {
                 write!(f, "one finite SINR per action must be told, of a source that is there")
             }

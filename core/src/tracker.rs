@@ -22,6 +22,7 @@ use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::Anchor;
 use crate::model::motion::Agent;
+use crate::model::observation::TagHeight;
 use crate::observer::{Observer, Stage};
 use crate::perceptor::belief::Belief;
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
@@ -58,7 +59,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
 #[derive(Clone, Copy, Debug)]
 struct Begun<const ANCHORS: usize> {
     elapsed_s: f32,
-    tag_height_m: Option<f32>,
+    tag_height: Option<TagHeight>,
     delivered: Delivered<ANCHORS>,
 }
 
@@ -81,7 +82,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &mut self,
         observer: &mut impl Observer<VAS, PATHS>,
     ) -> Result<CycleReport, Error> {
-        let Begun { elapsed_s, tag_height_m, .. } = self.begun.take().ok_or(Error::NotBegun)?;
+        let Begun { elapsed_s, tag_height, .. } = self.begun.take().ok_or(Error::NotBegun)?;
         let Self {
             config,
             anchors,
@@ -98,7 +99,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             begun: _,
             scans,
         } = self;
-        let told = Told { config, anchors, library, tag_height_m };
+        let told = Told { config, anchors, library, tag_height };
         scans.iter_mut().for_each(Scan::grade_paths);
 
         observer.stage(Stage::Predict);

@@ -2,7 +2,7 @@
 
 use crate::input_error::InputError;
 use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
-use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::observer::Observer;
 use cogmint_core::radio::library::Action;
 use cogmint_core::radio::pulse::PulseShape;
@@ -297,8 +297,8 @@ pub struct CycleInput<'a> {
     frames: Vec<Frame<'a>>,
     /// Time since the previous cycle, seconds.
     pub elapsed_s: f32,
-    /// Height of the tag, metres, where the recording knows it.
-    pub tag_height_m: Option<f32>,
+    /// Height of the tag, where the recording knows it.
+    pub tag_height: Option<TagHeight>,
 }
 
 impl CycleInput<'_> {
@@ -359,7 +359,9 @@ pub fn input<'a>(
         ranges,
         frames,
         elapsed_s,
-        tag_height_m: cycle.tag_height_m.filter(|h| h.abs() <= HIGHEST_TAG_M).map(|h| h as f32),
+        tag_height: cycle.tag_height_m.filter(|height_m| height_m.abs() <= HIGHEST_TAG_M).map(|height_m| {
+            TagHeight { mean_m: height_m as f32, std_m: cycle.tag_height_std_m.unwrap_or(0.0) as f32 }
+        }),
     }
 }
 
@@ -392,10 +394,10 @@ pub fn step<const A: usize>(
     let begin = std::time::Instant::now();
     let mut refused = None;
     let mut outcome =
-        tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut observer);
+        tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut observer);
     if let Err(error) = outcome {
         refused = Some(error);
-        outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height_m, &mut observer);
+        outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height, &mut observer);
     }
     let seconds = begin.elapsed().as_secs_f64();
     Ok(Step { report: outcome?, hash: tracker.hash(), seconds, refused })

@@ -216,12 +216,24 @@ impl Simulator {
         recording::Cycle {
             time_s: pose.time_s,
             truth_position_m: Some(pose.position_m),
-            tag_height_m: Some(self.channel.tag_height_m(cycle)),
+            tag_height_m: Some(self.channel.tag_height_m(cycle) + self.told_height_error_m()),
+            tag_height_std_m: (self.told_height_std_m() > 0.0).then_some(self.told_height_std_m()),
             antenna: None,
             ranges: Vec::new(),
             frames: frames.into_iter().flatten().collect(),
             truth_paths: truth_paths.into_iter().flatten().collect(),
         }
+    }
+
+    /// Standard deviation of the tag's height as it is told, metres.
+    fn told_height_std_m(&self) -> f64 {
+        self.channel.scenario().tag.height_std_m
+    }
+
+    /// By how much the tag's height is told wrong, the same all the way, metres.
+    fn told_height_error_m(&self) -> f64 {
+        let mut rng = stream(self.channel.seed(), Purpose::TagHeight, &[self.trajectory]);
+        self.told_height_std_m() * normal(&mut rng)
     }
 
     /// One frame, if it arrives, and the true paths.

@@ -202,9 +202,9 @@ fn run<const A: usize>(
         if taken.refused.is_some() {
             observations.clear();
         }
-        let (elapsed_s, height_m) = (reference_input.elapsed_s, reference_input.tag_height_m);
-        let ours = single.cycle(&observations, elapsed_s, height_m);
-        let precise = double.cycle(&observations, elapsed_s, height_m);
+        let (elapsed_s, height) = (reference_input.elapsed_s, reference_input.tag_height);
+        let ours = single.cycle(&observations, elapsed_s, height);
+        let precise = double.cycle(&observations, elapsed_s, height);
 
         comparison.intermediates(&watch, &ours);
         comparison.state(&tracker, &single);
@@ -925,6 +925,8 @@ mod tests {
         for (n, cycle) in recording.cycles.iter_mut().enumerate() {
             // Now and then nobody knows the height.
             cycle.tag_height_m = (n % 7 != 0).then_some(1.2);
+            // And now and then not well.
+            cycle.tag_height_std_m = (n % 7 != 0).then_some(if n % 5 == 0 { 0.3 } else { 0.0 });
         }
         let mut setup = setup(&recording);
         setup.config.association.mode = Mode::Map;

@@ -123,7 +123,7 @@ pub fn step(filter: &mut StateFilter<ANCHORS, VAS>, ranges_m: &[f32; RANGES]) {
     let mut lines = [None; RANGES];
     for (line, source) in lines.iter_mut().zip(sources()) {
         let anchor_m = ANCHORS_M[source.anchor()];
-        *line = filter.regress(source, &Sight { anchor_m, height_m: 0.0 });
+        *line = filter.regress(source, &Sight { anchor_m, height_m: 0.0, height_std_m: 0.0 });
     }
     filter.update(lines.into_iter().flatten().zip(ranges_m).map(|(regression, range_m)| {
         let nu = range_m - regression.range_m;

@@ -1,7 +1,7 @@
 //! What bad input gets: a typed error that names it, and a state unchanged to the bit.
 
 use cogmint_core::controller::reward::Reward;
-use cogmint_core::model::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
@@ -26,7 +26,7 @@ fn tracker() -> Small {
     for step in 0..20 {
         let frame = samples(step as f32);
         let observations = [complex(0, &frame), complex(1, &frame)];
-        tracker.cycle(&observations, 0.1, Some(1.2)).unwrap();
+        tracker.cycle(&observations, 0.1, Some(TagHeight::exact(1.2))).unwrap();
     }
     tracker
 }
@@ -50,7 +50,7 @@ fn magnitude(anchor: usize, samples: &[f32]) -> Observation<'_> {
 }
 
 /// Asserts that the call is refused with `expected` and that nothing changed.
-fn refuses(observations: &[Observation<'_>], elapsed_s: f32, height: Option<f32>, expected: Error) {
+fn refuses(observations: &[Observation<'_>], elapsed_s: f32, height: Option<TagHeight>, expected: Error) {
     let mut tracker = tracker();
     let before = format!("{tracker:?}");
     let hash = tracker.hash();
@@ -142,7 +142,10 @@ fn time_that_stands_still_or_runs_backwards_is_refused() {
 fn delays_and_heights_out_of_range_are_refused() {
     let frame = samples(0.0);
     for height in [f32::NAN, f32::INFINITY, 1001.0] {
-        refuses(&[complex(0, &frame)], 0.1, Some(height), Error::TagHeight);
+        refuses(&[complex(0, &frame)], 0.1, Some(TagHeight::exact(height)), Error::TagHeight);
+    }
+    for std_m in [f32::NAN, f32::INFINITY, -0.1, 100.1] {
+        refuses(&[complex(0, &frame)], 0.1, Some(TagHeight { mean_m: 1.0, std_m }), Error::TagHeight);
     }
     let Observation::Frame(frame) = complex(0, &frame) else { unreachable!() };
     for first_sample_delay_s in [f32::NAN, f32::INFINITY, 1e-3, -1e-3] {
@@ -204,7 +207,7 @@ fn of_too_many_ranges_the_best_are_kept_in_their_order() {
         let outcome = |ranges: &[Range]| {
             let mut tracker = tracker.clone();
             let scan = Observation::Ranges(RangeScan { anchor: 0, ranges });
-            let report = tracker.cycle(&[scan], 0.1, Some(1.2)).unwrap();
+            let report = tracker.cycle(&[scan], 0.1, Some(TagHeight::exact(1.2))).unwrap();
             (report.left_out, report.measurements, tracker.hash())
         };
         let (left_out, measurements, hash) = outcome(&ranges);

@@ -5,7 +5,7 @@ use cogmint::recording::{self, Recording};
 use cogmint::replay::{CycleInput, LARGE_ANCHORS, LargeTracker, Setup, inputs};
 use cogmint::scenario::Scenario;
 use cogmint::simulator::Simulator;
-use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::{CycleReport, Error};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -76,7 +76,7 @@ fn one_by_one(
     input: &CycleInput<'_>,
     observations: &[Observation<'_>],
 ) -> Result<CycleReport, Error> {
-    tracker.begin(input.elapsed_s, input.tag_height_m)?;
+    tracker.begin(input.elapsed_s, input.tag_height)?;
     for observation in observations {
         tracker.receive(observation)?;
     }
@@ -92,7 +92,7 @@ fn observations_one_by_one_in_any_order_give_the_bits_of_all_at_once() {
             let (mut at_once, mut by_observation) = (start.clone(), start.clone());
             for (cycle, input) in inputs(&recording).enumerate() {
                 let observations = input.observations();
-                let expected = at_once.cycle(&observations, input.elapsed_s, input.tag_height_m).unwrap();
+                let expected = at_once.cycle(&observations, input.elapsed_s, input.tag_height).unwrap();
                 let seed = order.map(|seed| seed * 1000 + cycle as u64);
                 let observations = reordered(observations, seed);
                 let report = one_by_one(&mut by_observation, &input, &observations).unwrap();
@@ -114,7 +114,7 @@ type Refused = Box<dyn Fn(&mut LargeTracker) -> Result<(), Error>>;
 /// What is refused while no cycle is begun: the call and its error.
 fn refused_between_cycles(recording: &Recording) -> Vec<(Refused, Error)> {
     let input = inputs(recording).last().unwrap();
-    let (elapsed_s, height) = (input.elapsed_s, input.tag_height_m);
+    let (elapsed_s, height) = (input.elapsed_s, input.tag_height);
     let whole = recording.clone();
     let receive = move |tracker: &mut LargeTracker| {
         let input = inputs(&whole).last().unwrap();
@@ -123,8 +123,8 @@ fn refused_between_cycles(recording: &Recording) -> Vec<(Refused, Error)> {
     let mut refused: Vec<(Refused, Error)> = vec![
         (Box::new(receive), Error::NotBegun),
         (Box::new(|tracker| tracker.finish().map(drop)), Error::NotBegun),
-        (Box::new(move |tracker| tracker.begin(elapsed_s, Some(1001.0))), Error::TagHeight),
-        (Box::new(move |tracker| tracker.begin(elapsed_s, Some(f32::NAN))), Error::TagHeight),
+        (Box::new(move |tracker| tracker.begin(elapsed_s, Some(TagHeight::exact(1001.0)))), Error::TagHeight),
+        (Box::new(move |tracker| tracker.begin(elapsed_s, Some(TagHeight::exact(f32::NAN)))), Error::TagHeight),
     ];
     for elapsed_s in [0.0, -0.1, f32::INFINITY, 3601.0] {
         let begin: Refused = Box::new(move |tracker| tracker.begin(elapsed_s, height));
@@ -197,7 +197,7 @@ fn a_refused_call_changes_nothing_of_a_cycle_nor_of_the_rest_of_it() {
     let (mut start, _) = trackers(&recording);
     let all: Vec<_> = inputs(&recording).collect();
     for input in &all[..last] {
-        start.cycle(&input.observations(), input.elapsed_s, input.tag_height_m).unwrap();
+        start.cycle(&input.observations(), input.elapsed_s, input.tag_height).unwrap();
     }
     let (input, after) = (&all[last], &all[last + 1]);
     let mut observations = input.observations();
@@ -209,11 +209,11 @@ fn a_refused_call_changes_nothing_of_a_cycle_nor_of_the_rest_of_it() {
         of_others.iter().for_each(|observation| tracker.receive(observation).unwrap());
         let report = tracker.finish().unwrap();
         let hash = tracker.hash();
-        let next = tracker.cycle(&after.observations(), after.elapsed_s, after.tag_height_m).unwrap();
+        let next = tracker.cycle(&after.observations(), after.elapsed_s, after.tag_height).unwrap();
         (report, hash, next, tracker.hash())
     };
     let begins = |tracker: &mut LargeTracker| {
-        tracker.begin(input.elapsed_s, input.tag_height_m).unwrap();
+        tracker.begin(input.elapsed_s, input.tag_height).unwrap();
         of_first.iter().for_each(|observation| tracker.receive(observation).unwrap());
     };
     let mut undisturbed = start.clone();
@@ -237,7 +237,7 @@ fn the_hash_covers_a_cycle_begun() {
     let recording = office(3);
     let (mut start, _) = trackers(&recording);
     let all: Vec<_> = inputs(&recording).collect();
-    start.cycle(&all[0].observations(), all[0].elapsed_s, all[0].tag_height_m).unwrap();
+    start.cycle(&all[0].observations(), all[0].elapsed_s, all[0].tag_height).unwrap();
     let begun = |elapsed_s, height, ranges: Option<&[Range]>| {
         let mut tracker = start.clone();
         tracker.begin(elapsed_s, height).unwrap();
@@ -251,8 +251,9 @@ fn the_hash_covers_a_cycle_begun() {
         start.hash(),
         begun(0.1, None, None),
         begun(0.2, None, None),
-        begun(0.1, Some(0.0), None),
-        begun(0.1, Some(1.0), None),
+        begun(0.1, Some(TagHeight::exact(0.0)), None),
+        begun(0.1, Some(TagHeight::exact(1.0)), None),
+        begun(0.1, Some(TagHeight { mean_m: 1.0, std_m: 0.5 }), None),
         begun(0.1, None, Some(&[])),
         begun(0.1, None, Some(&range(3.0, 0.01))),
         begun(0.1, None, Some(&range(3.1, 0.01))),

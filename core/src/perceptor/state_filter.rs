@@ -496,7 +496,7 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 ([agent.x - a.x, agent.y - a.y], spread, [xb.x - ba.x, xb.y - ba.y])
             }
         };
-        let line = regress_distance(distance, spread, sight.height_m);
+        let line = regress_distance(distance, spread, sight.height_m, sight.height_std_m);
         let [gx, gy] = line.slope;
         let mut explained_m2 = line.explained_m2;
         if self.estimate_bias {

@@ -9,13 +9,12 @@ use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::{Anchor, MappedVirtualAnchor};
-use crate::model::observation::Observation;
+use crate::model::observation::{Observation, TagHeight};
 use crate::observer::{Observer, Stage};
 use crate::perceptor::belief::Belief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
-use crate::real::abs;
 use crate::report::CycleReport;
 use heapless::Vec;
 
@@ -97,9 +96,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &mut self,
         observations: &[Observation<'_>],
         elapsed_s: f32,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
     ) -> Result<CycleReport, Error> {
-        self.cycle_observed(observations, elapsed_s, tag_height_m, &mut ())
+        self.cycle_observed(observations, elapsed_s, tag_height, &mut ())
     }
 
     /// [`Self::cycle`], watched by an observer.
@@ -110,11 +109,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &mut self,
         observations: &[Observation<'_>],
         elapsed_s: f32,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
         observer: &mut impl Observer<VAS, PATHS>,
     ) -> Result<CycleReport, Error> {
         observer.stage(Stage::Receive);
-        let mut begun = self.check_begin(elapsed_s, tag_height_m)?;
+        let mut begun = self.check_begin(elapsed_s, tag_height)?;
         for observation in observations {
             self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
         }
@@ -135,8 +134,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ///
     /// # Errors
     /// Bad input, or [`Error::AlreadyBegun`]; nothing has changed then.
-    pub fn begin(&mut self, elapsed_s: f32, tag_height_m: Option<f32>) -> Result<(), Error> {
-        self.begun = Some(self.check_begin(elapsed_s, tag_height_m)?);
+    pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
+        self.begun = Some(self.check_begin(elapsed_s, tag_height)?);
         self.scans.clear();
         Ok(())
     }
@@ -166,19 +165,17 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Whether a cycle is begun and how it would begin.
-    fn check_begin(&self, elapsed_s: f32, tag_height_m: Option<f32>) -> Result<Begun<ANCHORS>, Error> {
+    fn check_begin(&self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<Begun<ANCHORS>, Error> {
         if self.begun.is_some() {
             return Err(Error::AlreadyBegun);
         }
         if !(elapsed_s > 0.0 && elapsed_s <= 3600.0) {
             return Err(Error::Time { elapsed_s });
         }
-        if let Some(height) = tag_height_m
-            && !(abs(height) <= 1000.0)
-        {
+        if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(Error::TagHeight);
         }
-        Ok(Begun { elapsed_s, tag_height_m, delivered: Delivered::default() })
+        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default() })
     }
 
     fn take(&mut self, observation: &Observation<'_>, observer: &mut impl Observer<VAS, PATHS>) {

@@ -97,13 +97,15 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
     });
     let landmarks = |anchor: usize| {
         let sight = told.sight(anchor);
-        let height_m = sight.map_or(0.0, |sight| sight.height_m);
+        let (height_m, height_std_m) =
+            sight.map_or((0.0, 0.0), |sight| (sight.height_m, sight.height_std_m));
         let scan = scans.iter().position(|scan| scan.anchor == anchor).unwrap_or(0);
         let detection = detections.get(scan);
         let direct = sight.map(|sight| Landmark {
             position_m: sight.anchor_m,
             covariance_m2: [0.0; 3],
             height_m,
+            height_std_m,
             detection: detection.map_or(0.0, |(direct, _)| *direct),
         });
         let reflected = known.environment.iter().filter(move |(_, record)| record.anchor == anchor);
@@ -113,6 +115,7 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
                 position_m: [a.x, a.y],
                 covariance_m2: [c.m11, c.m21, c.m22],
                 height_m,
+                height_std_m,
                 detection: record.existence * detection?.1.get(slot)?,
             })
         }))

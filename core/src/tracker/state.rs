@@ -11,12 +11,12 @@ use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::Anchor;
 use crate::model::measurement::Measurement;
+use crate::model::observation::TagHeight;
 use crate::model::source::Source;
 use crate::perceptor::belief::acquisition::Acquisition;
 use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
-use crate::real::abs;
 use crate::trace::TraceHash;
 
 impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
@@ -39,7 +39,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Chooses one of `candidates` (positions, metres) on the way to `goal`, by all that the tracker knows after its
-    /// last cycle and with the carrier of the next one. Changes nothing.
+    /// last cycle and with the carrier of the next one. Plans with the mean of the tag's height. Changes nothing.
     ///
     /// # Errors
     /// The first bad input, or [`WaypointError::Acquiring`] while it is not known where the tag is.
@@ -47,19 +47,18 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &self,
         candidates: &[[f32; 2]],
         goal: Option<[f32; 2]>,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
         settings: &WaypointSettings,
     ) -> Result<WaypointChoice, WaypointError> {
         if self.acquisition().is_some() {
             return Err(WaypointError::Acquiring);
         }
-        // Written so that NaN fails.
-        if !tag_height_m.is_none_or(|height_m| abs(height_m) <= 1000.0) {
+        if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(WaypointError::TagHeight);
         }
         let state = planning_state(&self.config, &self.filter.agent(), self.threshold(), settings.period_s);
         let Self { config, anchors, library, .. } = self;
-        let told = Told { config, anchors, library, tag_height_m };
+        let told = Told { config, anchors, library, tag_height };
         let sources = visible(told, &self.environment, &self.filter).filter_map(|sight| {
             let controller = self.controller_of(sight.source.anchor())?;
             Some((sight, controller.action_index()))
@@ -186,8 +185,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// Adds the cycle begun, and what was received in it.
     fn hash_begun(&self, begun: &Begun<ANCHORS>, hash: &mut TraceHash) {
         hash.float(begun.elapsed_s);
-        hash.word(u32::from(begun.tag_height_m.is_some()));
-        hash.float(begun.tag_height_m.unwrap_or(0.0));
+        hash.word(u32::from(begun.tag_height.is_some()));
+        let TagHeight { mean_m, std_m } = begun.tag_height.unwrap_or(TagHeight::exact(0.0));
+        hash.float(mean_m);
+        hash.float(std_m);
         for scan in &self.scans {
             hash.word(scan.anchor as u32);
             hash.word(scan.action as u32);

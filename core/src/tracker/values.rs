@@ -9,6 +9,7 @@ use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
 use crate::model::anchor::Anchor;
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
 use crate::model::motion::Agent;
+use crate::model::observation::TagHeight;
 use crate::model::range::Regression;
 use crate::model::source::{Sight, Source};
 use crate::perceptor::expectation::{Expectations, Prospect, detection};
@@ -24,19 +25,23 @@ pub(super) struct Told<'a, const ANCHORS: usize, const ACTIONS: usize> {
     pub(super) config: &'a Config,
     pub(super) anchors: &'a Vec<Anchor, ANCHORS>,
     pub(super) library: &'a Library<ACTIONS>,
-    pub(super) tag_height_m: Option<f32>,
+    pub(super) tag_height: Option<TagHeight>,
 }
 
 impl<const ANCHORS: usize, const ACTIONS: usize> Told<'_, ANCHORS, ACTIONS> {
     /// Where an anchor is seen from the tag.
     pub(super) fn sight(&self, anchor: usize) -> Option<Sight> {
         let anchor = self.anchors.get(anchor)?;
-        Some(Sight { anchor_m: anchor.position_m, height_m: self.height_m(anchor) })
+        Some(Sight {
+            anchor_m: anchor.position_m,
+            height_m: self.height_m(anchor),
+            height_std_m: self.tag_height.map_or(0.0, |height| height.std_m),
+        })
     }
 
     /// Height of an anchor above the tag, metres; 0 where the tag's is not known.
     fn height_m(&self, anchor: &Anchor) -> f32 {
-        self.tag_height_m.map_or(0.0, |height| anchor.height_m - height)
+        self.tag_height.map_or(0.0, |height| anchor.height_m - height.mean_m)
     }
 }
 
@@ -108,6 +113,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
         let viewpoint = Viewpoint {
             agent: self.filter.agent(),
             height_m: sight.height_m,
+            height_std_m: sight.height_std_m,
             bias_m,
             direct_m: direct.range_m,
             direct_variance_m2: direct.variance_m2(),

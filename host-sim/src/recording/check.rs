@@ -64,6 +64,7 @@ const POSITION: Interval = from_to(-1e6, 1e6);
 const PULSE_DURATION: Interval = above_zero_to(1e-6);
 const TIME: Interval = from_to(-1e10, 1e10);
 const RANGE: Interval = from_to(0.0, 1e6);
+const HEIGHT_STD: Interval = from_to(0.0, 100.0);
 const RANGE_STD: Interval = above_zero_to(1e4);
 const DELAY: Interval = from_to(-1.0, 1.0);
 const FIRST_PATH: Interval = from_to(-65536.0, 65536.0);
@@ -333,12 +334,19 @@ impl Recording {
             if let Some(height_m) = cycle.tag_height_m {
                 check_element("tag_height_m", index, height_m, POSITION)?;
             }
+            if let Some(std_m) = cycle.tag_height_std_m {
+                check_element("tag_height_std_m", index, std_m, HEIGHT_STD)?;
+                if cycle.tag_height_m.is_none() {
+                    return Err(Fault::array("tag_height_std_m", "has no `tag_height_m` beside it"));
+                }
+            }
             self.check_antenna_index(index, cycle.antenna)?;
             self.check_ranges(index, cycle)?;
             self.check_frames(index, cycle)?;
             self.check_truth_paths(index, cycle)?;
         }
         all_or_none("tag_height_m", self.cycles.iter().map(|cycle| cycle.tag_height_m.is_some()))?;
+        all_or_none("tag_height_std_m", self.cycles.iter().map(|cycle| cycle.tag_height_std_m.is_some()))?;
         let ranges = || self.cycles.iter().flat_map(|cycle| &cycle.ranges);
         all_or_none("range_std_m", ranges().map(|range| range.std_m.is_some()))?;
         all_or_none("range_departure_angle_rad", ranges().map(|range| range.angles.is_some()))?;

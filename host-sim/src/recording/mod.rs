@@ -9,6 +9,7 @@
 //! | `cycle_time_s` | float64 `[N]` | time of each cycle, strictly increasing |
 //! | `truth_position_m` | float64 `[N, 2]` | optional: true horizontal position of the tag; NaN in the cycles where nobody knew it |
 //! | `tag_height_m` | float64 `[N]` | optional: height of the tag, in the frame of the anchors' heights |
+//! | `tag_height_std_m` | float64 `[N]` | optional, beside it: its standard deviation |
 //! | `cycle_antenna` | uint8 `[N]` | index of the antenna that the cycle was measured with; where there are `antennas` |
 //! | `range_cycle` | uint32 `[R]` | index of the cycle that the range belongs to |
 //! | `range_anchor` | uint8 `[R]` | index of its anchor |
@@ -268,6 +269,8 @@ pub struct Cycle {
     pub truth_position_m: Option<[f64; 2]>,
     /// The height of the tag (of the antenna in use), in metres.
     pub tag_height_m: Option<f64>,
+    /// Its standard deviation, in metres; exact when absent. There only beside the height.
+    pub tag_height_std_m: Option<f64>,
     /// Index of the antenna that everything in this cycle was measured with; there where the recording has antennas.
     pub antenna: Option<usize>,
     /// Lengths of paths, in any order; any number per anchor.
@@ -439,6 +442,7 @@ pub(crate) mod tests {
                     time_s: f64::from(step) * 0.1,
                     truth_position_m: (step < 2).then(|| [3.0, 7.0 + f64::from(step) * 0.01]),
                     tag_height_m: Some(1.0),
+                    tag_height_std_m: Some(0.2),
                     antenna: Some(step as usize % 2),
                     ranges: vec![
                         Range {

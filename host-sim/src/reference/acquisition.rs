@@ -15,7 +15,7 @@
 
 use super::association::{Measurement, is_earlier};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
-use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, predict_agent, regress_distance};
+use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, height_variance_m2, predict_agent, regress_distance};
 use super::{Matrix, zeros};
 use cogmint_core::model::motion::Motion;
 use std::cmp::Ordering;
@@ -70,8 +70,8 @@ pub struct Landmark<T> {
     pub position_m: [T; 2],
     /// Its covariance, square metres.
     pub covariance_m2: [[T; 2]; 2],
-    /// Height above the tag, metres.
-    pub height_m: T,
+    /// Height above the tag, metres: mean and standard deviation.
+    pub height_m: [T; 2],
     /// Probability that it exists and is detected.
     pub detection: T,
 }
@@ -286,8 +286,9 @@ impl<T: Real> Acquisition<T> {
             let Some(measurement) = next else { return };
             after = measurement.range_m;
             let slant = after - sweep.bias_m;
-            let radius_m = sqrt(larger(square(slant) - square(sweep.direct.height_m), T::of(LEAST_RADIUS2)));
-            let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
+            let radius_m = sqrt(larger(square(slant) - square(sweep.direct.height_m[0]), T::of(LEAST_RADIUS2)));
+            let of_height = height_variance_m2(sweep.direct.height_m, slant);
+            let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2 + of_height;
             // Order: each direction is the one before, turned once more.
             let mut direction = [T::ONE, T::ZERO];
             for _ in 0..DIRECTIONS {

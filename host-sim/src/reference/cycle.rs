@@ -18,7 +18,7 @@ use super::pulse::Pulse;
 use super::real::{Real, abs, larger, limited, smaller, speed_of_light, square};
 use super::state_filter::{Agent, Innovation, PX, PY, Prior, Regression, Sight, StateFilter, VX, VY};
 use super::{Matrix, zeros};
-use cogmint_core::model::observation::{Frame, Observation, RangeScan};
+use cogmint_core::model::observation::{Frame, Observation, RangeScan, TagHeight};
 use cogmint_core::model::source::Source;
 use cogmint_core::perceptor::association::Mode;
 use cogmint_core::radio::library::Action;
@@ -227,10 +227,10 @@ impl<T: Real> Reference<T> {
         &mut self,
         observations: &[Observation<'_>],
         elapsed_s: f32,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
     ) -> Intermediates<T> {
         let elapsed_s = T::of(elapsed_s);
-        let heights = self.heights(tag_height_m);
+        let heights = self.heights(tag_height);
         let (estimates, scans) = self.estimate(observations);
 
         let last = self.filter.agent();
@@ -289,15 +289,19 @@ impl<T: Real> Reference<T> {
         Intermediates { estimates, heard, report }
     }
 
-    /// Height of each anchor above the tag; 0 where the tag's is unknown.
-    fn heights(&self, tag_height_m: Option<f32>) -> Vec<T> {
-        let height =
-            |anchor: &Anchor| tag_height_m.map_or(T::ZERO, |tag| T::of(anchor.height_m) - T::of(tag));
+    /// Height of each anchor above the tag, mean and deviation; 0 where the tag's is unknown.
+    fn heights(&self, tag_height: Option<TagHeight>) -> Vec<[T; 2]> {
+        let height = |anchor: &Anchor| {
+            tag_height.map_or([T::ZERO; 2], |TagHeight { mean_m, std_m }| {
+                [T::of(anchor.height_m) - T::of(mean_m), T::of(std_m)]
+            })
+        };
         self.anchors.iter().map(height).collect()
     }
 
-    fn sight(&self, anchor: usize, heights: &[T]) -> Sight<T> {
-        Sight { anchor_m: self.anchors[anchor].position_m.map(T::of), height_m: heights[anchor] }
+    fn sight(&self, anchor: usize, heights: &[[T; 2]]) -> Sight<T> {
+        let [height_m, height_std_m] = heights[anchor];
+        Sight { anchor_m: self.anchors[anchor].position_m.map(T::of), height_m, height_std_m }
     }
 
     // Receive and estimate.
@@ -448,7 +452,7 @@ impl<T: Real> Reference<T> {
     // Acquire.
 
     /// While it is not known where the tag is: weighs the places it may be at. Once there is only one, it is there.
-    fn acquire(&mut self, scans: &[Scan<T>], elapsed_s: T, heights: &[T]) {
+    fn acquire(&mut self, scans: &[Scan<T>], elapsed_s: T, heights: &[[T; 2]]) {
         let Some(mut acquisition) = self.acquisition.take() else { return };
         // Candidates are relative to a tag that is about to jump.
         self.discovery.clear();
@@ -469,9 +473,9 @@ impl<T: Real> Reference<T> {
     }
 
     /// A scan with its anchor and its virtual anchors.
-    fn sweep(&self, scan: &Scan<T>, acquisition: &Acquisition<T>, dt: T, heights: &[T]) -> Sweep<T> {
+    fn sweep(&self, scan: &Scan<T>, acquisition: &Acquisition<T>, dt: T, heights: &[[T; 2]]) -> Sweep<T> {
         let sight = self.sight(scan.anchor, heights);
-        let height_m = sight.height_m;
+        let height_m = [sight.height_m, sight.height_std_m];
         let mut reflections = Vec::new();
         for (slot, record) in self.environment.in_use() {
             if record.anchor == scan.anchor {
@@ -520,7 +524,7 @@ impl<T: Real> Reference<T> {
     // Follow a manoeuvre.
 
     /// Widens the prediction where a manoeuvre explains the scans better by far.
-    fn follow_manoeuvre(&mut self, scans: &[Scan<T>], elapsed_s: T, heights: &[T]) {
+    fn follow_manoeuvre(&mut self, scans: &[Scan<T>], elapsed_s: T, heights: &[[T; 2]]) {
         let mut direct = Vec::new();
         for scan in scans {
             let source = Source::Direct { anchor: scan.anchor };
@@ -544,7 +548,7 @@ impl<T: Real> Reference<T> {
     }
 
     /// Evidence of all scans for the present prediction.
-    fn evidence_nat(&self, scans: &[Scan<T>], heights: &[T]) -> T {
+    fn evidence_nat(&self, scans: &[Scan<T>], heights: &[[T; 2]]) -> T {
         let mut evidence = T::ZERO;
         for scan in scans {
             evidence += self.associate(scan.clone(), heights).evidence_nat;
@@ -554,7 +558,7 @@ impl<T: Real> Reference<T> {
 
     // Associate.
 
-    fn associate(&self, scan: Scan<T>, heights: &[T]) -> AssociatedScan<T> {
+    fn associate(&self, scan: Scan<T>, heights: &[[T; 2]]) -> AssociatedScan<T> {
         let settings = &self.config.association;
         let sight = self.sight(scan.anchor, heights);
         let mut regressions = vec![self.filter.regress(Source::Direct { anchor: scan.anchor }, &sight)];
@@ -709,7 +713,7 @@ impl<T: Real> Reference<T> {
         let direct = self.filter.regress(Source::Direct { anchor }, sight);
         Viewpoint {
             agent: self.filter.agent(),
-            height_m: sight.height_m,
+            height_m: [sight.height_m, sight.height_std_m],
             bias_m: self.filter.bias_m(anchor),
             direct_m: direct.range_m,
             direct_variance_m2: direct.variance_m2(),
@@ -849,7 +853,7 @@ impl<T: Real> Reference<T> {
     }
 
     /// Forgets improbable virtual anchors, feeds the candidates, and takes resolved ones into the map.
-    fn discover(&mut self, heard: &[AssociatedScan<T>], heights: &[T], report: &mut Report<T>) {
+    fn discover(&mut self, heard: &[AssociatedScan<T>], heights: &[[T; 2]], report: &mut Report<T>) {
         for slot in self.environment.forget() {
             self.take_out(slot, report);
         }
@@ -935,7 +939,7 @@ impl<T: Real> Reference<T> {
         [previous, predicted, posterior]: [&Matrix<T>; 3],
         elapsed_s: T,
         heard: &[AssociatedScan<T>],
-        heights: &[T],
+        heights: &[[T; 2]],
         report: &mut Report<T>,
     ) {
         let earned = reward(self.config.controller.reward, previous, predicted, posterior);
@@ -1025,13 +1029,13 @@ impl<T: Real> Reference<T> {
     }
 
     /// The sources planning counts on: all direct paths, and the confirmed virtual anchors by slot.
-    fn visible(&self, heights: &[T]) -> Vec<Visible<T>> {
+    fn visible(&self, heights: &[[T; 2]]) -> Vec<Visible<T>> {
         let mut visible = Vec::new();
         for anchor in 0..self.anchors.len() {
             visible.push(Visible {
                 source: Source::Direct { anchor },
                 position_m: self.anchors[anchor].position_m.map(T::of),
-                height_m: heights[anchor],
+                height_m: heights[anchor][0],
                 covariance_m2: [[T::ZERO; 2]; 2],
             });
         }
@@ -1040,7 +1044,7 @@ impl<T: Real> Reference<T> {
                 visible.push(Visible {
                     source: Source::Virtual { anchor: record.anchor, slot },
                     position_m: self.filter.virtual_anchor_m(slot),
-                    height_m: heights[record.anchor],
+                    height_m: heights[record.anchor][0],
                     covariance_m2: self.filter.virtual_anchor_covariance_m2(slot),
                 });
             }

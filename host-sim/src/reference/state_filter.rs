@@ -51,6 +51,8 @@ pub struct Sight<T> {
     pub anchor_m: [T; 2],
     /// Its height above the tag, metres.
     pub height_m: T,
+    /// Standard deviation of that height, metres.
+    pub height_std_m: T,
 }
 
 /// The line that a range follows around the predicted state.
@@ -425,7 +427,7 @@ impl<T: Real> StateFilter<T> {
             }
         }
         let (range_m, slope, residual_m2, mut explained_m2) =
-            regress_distance(distance, spread, sight.height_m);
+            regress_distance(distance, spread, [sight.height_m, sight.height_std_m]);
         if self.estimate_bias {
             let cross = slope[0] * bias_cross[0] + slope[1] * bias_cross[1];
             explained_m2 = larger(explained_m2 + num(2.0) * cross + c[b][b], num(SMALLEST_SPREAD_M2));
@@ -606,8 +608,14 @@ impl<T: Real> StateFilter<T> {
 ///
 /// With L the Cholesky factor of the covariance, the points are d, d +- sqrt(3) L_1 and d +- sqrt(3) L_2, of weights
 /// 1/3 and 1/6 each. Returns the mean, the slope g = C^-1 cov(d, r), the variance around the line and along it.
-/// Everything is formed relative to the centre r(d).
-pub(super) fn regress_distance<T: Real>(distance: [T; 2], spread: [T; 3], height_m: T) -> (T, [T; 2], T, T) {
+/// Everything is formed relative to the centre r(d). The height has a mean and a deviation; the latter adds to the variance
+/// around the line.
+pub(super) fn regress_distance<T: Real>(
+    distance: [T; 2],
+    spread: [T; 3],
+    height: [T; 2],
+) -> (T, [T; 2], T, T) {
+    let [height_m, _] = height;
     let num = T::of;
     let [dx, dy] = distance;
     let [xx, yx, yy] = spread;
@@ -626,7 +634,14 @@ pub(super) fn regress_distance<T: Real>(distance: [T; 2], spread: [T; 3], height
     let line = FivePoints::new(points);
     let gy = line.along[1] / l22;
     let gx = (line.along[0] - l21 * gy) / l11;
-    (centre + line.mean, [gx, gy], line.residual, line.explained)
+    (centre + line.mean, [gx, gy], line.residual + height_variance_m2(height, centre), line.explained)
+}
+
+/// Variance of a range of `range_m` from the deviation of the height between its ends: slope times deviation, squared.
+pub(super) fn height_variance_m2<T: Real>([mean_m, std_m]: [T; 2], range_m: T) -> T {
+    // No range is shorter than its height.
+    let shortest_m = if mean_m < T::ZERO { -mean_m } else { mean_m };
+    square(mean_m / larger(larger(range_m, shortest_m), T::of(1e-6)) * std_m)
 }
 
 /// What four sigma points (ahead and back along each column of the Cholesky factor) tell, relative to the centre.

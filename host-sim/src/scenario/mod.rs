@@ -308,13 +308,17 @@ pub struct Tag {
     /// Its height, metres, where the trajectory gives none.
     #[schemars(range(min = -100.0, max = 100.0))]
     pub height_m: f64,
+    /// Standard deviation of its height as the tracker is told it, metres. The height told is wrong by one draw of it, the
+    /// same all the way; the true one is `height_m` or the trajectory's.
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub height_std_m: f64,
     /// Its antenna; it does not turn with the motion.
     pub antenna: Antenna,
 }
 
 impl Default for Tag {
     fn default() -> Self {
-        Self { height_m: defaults::height_m(), antenna: Antenna::default() }
+        Self { height_m: defaults::height_m(), height_std_m: 0.0, antenna: Antenna::default() }
     }
 }
 

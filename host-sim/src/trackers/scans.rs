@@ -54,7 +54,7 @@ pub fn scans(recording: &Recording, setup: &Setup) -> Vec<CycleScans> {
         .map(|(cycle, input)| CycleScans {
             time_s: cycle.time_s,
             elapsed_s: f64::from(input.elapsed_s),
-            tag_height_m: input.tag_height_m.map(f64::from),
+            tag_height_m: input.tag_height.map(|height| f64::from(height.mean_m)),
             scans: cycle_scans(setup, &estimators, &input.observations()),
         })
         .collect();

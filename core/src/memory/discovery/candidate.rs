@@ -4,6 +4,7 @@ use super::common_motion::{Correction, Prediction};
 use super::hypothesis::{Hypothesis, turned};
 use super::{Background, Discovered, GATE, HYPOTHESES, Viewpoint};
 use crate::model::measurement::Measurement;
+use crate::model::range::height_variance_m2;
 use crate::model::soft_update::Moments;
 use crate::real::{TAU, exp, larger, limited, smaller, sqrt};
 use heapless::Vec;
@@ -49,6 +50,7 @@ impl Candidate {
         let radius_m = sqrt(larger(slant * slant - height * height, 1e-4));
         // d radius = (slant / radius) d slant.
         let stretch = slant / radius_m;
+        let of_height = height_variance_m2(height, viewpoint.height_std_m, slant);
         let half_angle = core::f32::consts::PI / HYPOTHESES as f32;
         let c = &viewpoint.agent.covariance;
         let mut hypotheses = Vec::new();
@@ -57,7 +59,7 @@ impl Candidate {
             // The circle is drawn around where the tag is, the radius counts from where it is believed to be.
             let [ux, uy] = direction;
             let (ax, ay) = (ux * c.m11 + uy * c.m21, ux * c.m21 + uy * c.m22);
-            let range = measurement.variance_m2 * (stretch * stretch);
+            let range = (measurement.variance_m2 + of_height) * (stretch * stretch);
             let hypothesis = Hypothesis {
                 direction,
                 radius_m,
@@ -95,7 +97,7 @@ impl Candidate {
         // Relative to the first hypothesis, so that the variance keeps its digits.
         let mut origin = None;
         for hypothesis in &self.hypotheses {
-            let line = hypothesis.regress(offset, viewpoint.height_m);
+            let line = hypothesis.regress(offset, viewpoint.height_m, viewpoint.height_std_m);
             let relative = line.range_m - *origin.get_or_insert(line.range_m);
             mean += hypothesis.weight * relative;
             second += hypothesis.weight * (relative * relative + line.variance_m2);
@@ -140,7 +142,7 @@ impl Candidate {
         let mut sum = 0.0;
         let mut hit = 0.0;
         for hypothesis in &mut self.hypotheses {
-            let line = hypothesis.regress(offset, viewpoint.height_m);
+            let line = hypothesis.regress(offset, viewpoint.height_m, viewpoint.height_std_m);
             let mut associated = Moments::default();
             let mut noise = 0.0;
             for ((measurement, &psi), &nu) in measurements.iter().zip(psi).zip(nu) {

@@ -9,7 +9,7 @@
 //! The joint covariance with the tag's position, seen by this hypothesis alone, is explained in `common_motion`.
 
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product};
-use crate::model::range::{FivePoints, SIGMA_POINT};
+use crate::model::range::{FivePoints, SIGMA_POINT, height_variance_m2};
 use crate::model::soft_update::Moments;
 use crate::real::{larger, smaller, sqrt};
 use nalgebra::{Matrix2, Vector2};
@@ -52,7 +52,7 @@ pub(crate) struct PolarRegression {
 impl Hypothesis {
     /// Five-point regression of the range over angle and radius, and its slope over the tag's position; `offset` leads
     /// from the tag, as the state filter sees it, to the origin.
-    pub fn regress(&self, offset: [f32; 2], height_m: f32) -> PolarRegression {
+    pub fn regress(&self, offset: [f32; 2], height_m: f32, height_std_m: f32) -> PolarRegression {
         let [ox, oy] = offset;
         let (ox, oy) = (ox - self.tag_shift_m.x, oy - self.tag_shift_m.y);
         let [aa, ra, rr] = self.covariance;
@@ -85,12 +85,13 @@ impl Hypothesis {
         let own_r = ga * ra + gr * rr + (px * c.m21 + py * c.m22);
         let tag_x = ga * c.m11 + gr * c.m21 + (px * t.m11 + py * t.m21);
         let tag_y = ga * c.m12 + gr * c.m22 + (px * t.m21 + py * t.m22);
+        let of_height = height_variance_m2(height_m, height_std_m, centre);
         let linear = ga * own_a + gr * own_r + (px * tag_x + py * tag_y);
         PolarRegression {
             range_m: centre + offset,
             own: [own_a, own_r],
             tag: [tag_x, tag_y],
-            variance_m2: larger(linear, LEAST_RADIUS_M2) + residual,
+            variance_m2: larger(linear, LEAST_RADIUS_M2) + (residual + of_height),
         }
     }
 

@@ -58,6 +58,8 @@ pub struct Viewpoint {
     pub agent: Agent,
     /// Height of the anchor (and so of its images in walls) above the tag, metres.
     pub height_m: f32,
+    /// Standard deviation of that height, metres.
+    pub height_std_m: f32,
     /// Bias of the anchor's ranges, metres.
     pub bias_m: f32,
     /// Range of the direct path, bias included, metres: whatever is reflected is longer.
@@ -283,8 +285,14 @@ mod tests {
             forgotten.covariance *= 2.0;
             discovery.predict(&agent, &forgotten, 1.0);
             discovery.follow(&forgotten, &agent);
-            let viewpoint =
-                Viewpoint { agent, height_m: 0.0, bias_m: 0.0, direct_m: 0.0, direct_variance_m2: 0.0 };
+            let viewpoint = Viewpoint {
+                agent,
+                height_m: 0.0,
+                height_std_m: 0.0,
+                bias_m: 0.0,
+                direct_m: 0.0,
+                direct_variance_m2: 0.0,
+            };
             noise = -noise;
             let range_m = (x - truth[0]).hypot(y - truth[1]) + noise;
             let mut leftovers: Vec<Measurement, 4> = Vec::new();

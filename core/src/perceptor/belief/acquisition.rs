@@ -18,7 +18,7 @@
 
 use crate::model::measurement::{Measurement, is_earlier};
 use crate::model::motion::{Agent, Motion, predicted};
-use crate::model::range::{DistanceRegression, regress_distance};
+use crate::model::range::{DistanceRegression, height_variance_m2, regress_distance};
 use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::real::{TAU, exp, larger, ln, smaller, sqrt};
 use heapless::Vec;
@@ -68,6 +68,8 @@ pub struct Landmark {
     pub covariance_m2: [f32; 3],
     /// Height above the tag, metres.
     pub height_m: f32,
+    /// Its standard deviation, metres.
+    pub height_std_m: f32,
     /// Probability that it exists and is detected.
     pub detection: f32,
 }
@@ -271,9 +273,10 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             let height2 = direct.height_m * direct.height_m;
             let slant = after - sweep.bias_m;
             let radius = sqrt(larger(slant * slant - height2, 1e-4));
+            let of_height = height_variance_m2(direct.height_m, direct.height_std_m, slant);
             let mut direction = [1.0, 0.0];
             for _ in 0..DIRECTIONS {
-                let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
+                let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2 + of_height;
                 // Most arcs are out of reach of the prior.
                 if let Some(place) = self.on_arc(&direct, direction, radius, variance_m2) {
                     for branch in &place.hear(sweeps.clone(), landmarks, Some((anchor, after))) {
@@ -510,6 +513,7 @@ impl Place {
             [self.agent.mean.x - ax, self.agent.mean.y - ay],
             [c.m11 + xx, c.m21 + yx, c.m22 + yy],
             landmark.height_m,
+            landmark.height_std_m,
         );
         (line, line.explained_m2 + line.residual_m2)
     }
@@ -742,6 +746,7 @@ mod tests {
                     position_m: ANCHORS[anchor].map(|coordinate| size * coordinate),
                     covariance_m2: [0.0; 3],
                     height_m: 0.0,
+                    height_std_m: 0.0,
                     detection: 0.95,
                 })
             });
@@ -809,8 +814,13 @@ mod tests {
             false_alarms_per_m: 0.03,
             anywhere_per_m: 0.03,
         };
-        let landmark =
-            Landmark { position_m: [0.0, 0.0], covariance_m2: [0.0; 3], height_m: 0.0, detection: 0.95 };
+        let landmark = Landmark {
+            position_m: [0.0, 0.0],
+            covariance_m2: [0.0; 3],
+            height_m: 0.0,
+            height_std_m: 0.0,
+            detection: 0.95,
+        };
         for _ in 0..2 {
             acquisition.observe(core::iter::once((0, sweep)), |_| core::iter::once(landmark));
         }

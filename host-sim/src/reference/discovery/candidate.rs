@@ -8,7 +8,7 @@ use super::hypothesis::{Hypothesis, Moments, turned};
 use super::{Background, Discovered, Viewpoint};
 use crate::reference::association::Measurement;
 use crate::reference::real::{Real, exp, larger, limited, pi, smaller, sqrt, square, tau};
-use crate::reference::state_filter::{PX, PY};
+use crate::reference::state_filter::{PX, PY, height_variance_m2};
 use std::fmt;
 
 /// Gaussians on a ring.
@@ -52,9 +52,10 @@ impl<T: Real> Candidate<T> {
     pub fn ring(viewpoint: &Viewpoint<T>, measurement: &Measurement<T>, existence: T) -> Self {
         let num = T::of;
         let slant = measurement.range_m - viewpoint.bias_m;
-        let radius_m = sqrt(larger(square(slant) - square(viewpoint.height_m), num(1e-4)));
+        let radius_m = sqrt(larger(square(slant) - square(viewpoint.height_m[0]), num(1e-4)));
         // d radius = (slant / radius) d slant.
         let stretch = slant / radius_m;
+        let of_height = height_variance_m2(viewpoint.height_m, slant);
         let half_angle = pi::<T>() / T::of_count(HYPOTHESES);
         let c = &viewpoint.agent.covariance;
         let tag_covariance = [[c[PX][PX], c[PY][PX]], [c[PY][PX], c[PY][PY]]];
@@ -69,7 +70,7 @@ impl<T: Real> Candidate<T> {
                 ux * tag_covariance[0][1] + uy * tag_covariance[1][1],
             ];
             let radius_variance =
-                measurement.variance_m2 * square(stretch) + (ux * with_tag[0] + uy * with_tag[1]);
+                (measurement.variance_m2 + of_height) * square(stretch) + (ux * with_tag[0] + uy * with_tag[1]);
             hypotheses.push(Hypothesis {
                 direction,
                 radius_m,

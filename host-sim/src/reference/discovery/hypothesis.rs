@@ -7,7 +7,7 @@
 use super::Square;
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product, transposed};
 use crate::reference::real::{Real, larger, smaller, sqrt, square};
-use crate::reference::state_filter::{FivePoints, ROOT_3};
+use crate::reference::state_filter::{FivePoints, ROOT_3, height_variance_m2};
 use std::fmt;
 
 /// Least variances of angle, radius and tag.
@@ -63,7 +63,7 @@ pub struct Moments<T> {
 impl<T: Real> Hypothesis<T> {
     /// The line of the range; `offset` leads from the state filter's tag to the origin. Five sigma points in angle and
     /// radius; the tag moves the range by the cosines of its direction.
-    pub fn regress(&self, offset: [T; 2], height_m: T) -> Line<T> {
+    pub fn regress(&self, offset: [T; 2], height: [T; 2]) -> Line<T> {
         let num = T::of;
         let offset = [offset[0] - self.tag_shift_m[0], offset[1] - self.tag_shift_m[1]];
         let [aa, ra, rr] = self.covariance;
@@ -73,7 +73,7 @@ impl<T: Real> Hypothesis<T> {
         let range = |direction: [T; 2], radius: T| {
             let dx = offset[0] + radius * direction[0];
             let dy = offset[1] + radius * direction[1];
-            sqrt(square(dx) + square(dy) + square(height_m))
+            sqrt(square(dx) + square(dy) + square(height[0]))
         };
         let here = self.direction;
         let centre = range(here, self.radius_m);
@@ -110,7 +110,8 @@ impl<T: Real> Hypothesis<T> {
             + over_radius * with_own[1]
             + (over_tag[0] * with_tag[0] + over_tag[1] * with_tag[1]);
         let explained = larger(explained, num(SMALLEST_RADIUS_M2));
-        Line { range_m: centre + points.mean, with_own, with_tag, variance_m2: explained + points.residual }
+        let residual = points.residual + height_variance_m2(height, centre);
+        Line { range_m: centre + points.mean, with_own, with_tag, variance_m2: explained + residual }
     }
 
     /// Soft Kalman update; `variance` is an innovation's.

@@ -52,8 +52,8 @@ pub type Square<T> = [[T; 2]; 2];
 pub struct Viewpoint<T> {
     /// The tag.
     pub agent: Agent<T>,
-    /// Height of the anchor above the tag, metres.
-    pub height_m: T,
+    /// Height of the anchor above the tag, metres: mean and standard deviation.
+    pub height_m: [T; 2],
     /// Bias of the anchor's ranges, metres.
     pub bias_m: T,
     /// Range of the direct path, metres, and its variance, square metres.
