@@ -9,7 +9,7 @@ mod stages;
 mod state;
 mod values;
 
-use self::stages::{Heard, associate, follow_manoeuvre, locate, remember, revise_map};
+use self::stages::{Heard, associate, expect, locate, remember, revise_map};
 use self::values::{Known, Told, planning_state, visible};
 use crate::config::Config;
 use crate::controller::Controllers;
@@ -107,6 +107,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let predicted = filter.agent();
         discovery.predict(&last, &predicted, elapsed_s);
         belief.predict(&last, &predicted, elapsed_s);
+        environment.predict(config.association.survival_probability);
+        channel.age();
 
         observer.stage(Stage::Associate);
         if belief.is_acquiring() {
@@ -117,11 +119,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 filter.place(&agent);
             }
         }
-        if !belief.is_acquiring() {
-            follow_manoeuvre(filter, &told, environment, channel, clutter, scans, elapsed_s);
-        }
+        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(elapsed_s);
+        let expected = expect(filter, &told, environment, channel, clutter, scans, manoeuvre_over_s);
         let known = Known { filter, environment, channel, clutter };
-        let outcomes = associate(&told, &known, discovery, scans, observer);
+        let outcomes = associate(&told, &known, discovery, expected, observer);
         let evidence_nat = outcomes.iter().fold(0.0, |sum, (outcome, _)| sum + outcome.evidence_nat);
         let lost = belief.watch(evidence_nat, filter.agent());
 

@@ -473,7 +473,6 @@ impl Comparison {
                     a.existence,
                     b.existence,
                 );
-                self.count(stage, format_args!("misses of virtual anchor {slot}"), a.misses, b.misses);
                 self.count(stage, format_args!("hits of virtual anchor {slot}"), a.hits, b.hits);
             }
         }
@@ -738,7 +737,6 @@ impl ErrorGrowth {
 
 #[cfg(test)]
 mod tests {
-    use cogmint_core::model::channel::ChannelKnowledge as _;
     use super::*;
     use crate::recording::{
         Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
@@ -746,6 +744,7 @@ mod tests {
     use crate::reference::pulse::Pulse;
     use cogmint_core::Variant;
     use cogmint_core::controller::reward::Reward;
+    use cogmint_core::model::channel::ChannelKnowledge as _;
     use cogmint_core::model::observation::LONGEST_SCAN;
     use cogmint_core::model::source::Source;
     use cogmint_core::perceptor::association::Mode;

@@ -12,6 +12,7 @@ use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::Anchor;
 use crate::model::source::Source;
 use crate::perceptor::belief::acquisition::Acquisition;
+use crate::perceptor::expectation::Sighting;
 use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
@@ -156,7 +157,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             hash.word(slot as u32);
             hash.word(record.anchor as u32);
             hash.float(record.existence);
-            hash.word(u32::from(record.misses));
+            hash.word(u32::from(record.sighting == Sighting::Hidden));
             hash.word(record.hits);
         }
         self.channel.visit(|v| hash.float(v));

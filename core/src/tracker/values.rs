@@ -1,5 +1,6 @@
 //! Values that pass from stage to stage: what one stage's state says in the terms of another.
 
+use super::stages::Expected;
 use crate::config::Config;
 use crate::controller::planning::{PlanningState, Visible};
 use crate::memory::channel::ChannelMemory;
@@ -12,6 +13,7 @@ use crate::model::motion::Agent;
 use crate::model::range::Regression;
 use crate::model::source::{Sight, Source};
 use crate::perceptor::expectation::{Expectations, Prospect, detection};
+use crate::perceptor::receiver::Scans;
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
@@ -50,9 +52,26 @@ pub(super) struct Known<'a, const ANCHORS: usize, const VAS: usize, const ACTION
 }
 
 impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANCHORS, VAS, ACTIONS> {
+    /// What every scan is expected to show.
+    #[inline(never)]
+    pub(super) fn expect_all<'a, const PATHS: usize>(
+        &self,
+        told: &Told<'_, ANCHORS, ACTIONS>,
+        scans: &'a Scans<ANCHORS, PATHS>,
+    ) -> Expected<'a, ANCHORS, VAS, PATHS> {
+        let mut all = Vec::new();
+        for scan in scans {
+            if let Some(expected) = self.expect(told, scan) {
+                // As many as scans: the push succeeds.
+                let _ = all.push((scan, expected));
+            }
+        }
+        all
+    }
+
     /// What every source of a scan's anchor is expected to show in it.
     #[inline(never)]
-    pub(super) fn expect<const PATHS: usize>(
+    fn expect<const PATHS: usize>(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         scan: &Scan<PATHS>,
@@ -65,12 +84,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
         };
         let direct = prospect(Source::Direct { anchor })?;
         let detection = |prospect: &Prospect| prospect.detection(scan, association.detection_probability);
-        let mut expected = Expectations::new(&direct, detection(&direct));
+        let mut expected = Expectations::new(&direct, &detection(&direct));
         for slot in self.environment.images_of(anchor) {
             let image = prospect(Source::Virtual { anchor, slot })?;
-            let detection = detection(&image);
-            let survival = association.survival_probability;
-            expected.add(&image, self.environment.expected_existence(slot, survival, detection), detection);
+            let existence = self.environment.get(slot)?.existence;
+            expected.add(&image, existence, &detection(&image));
         }
         if let Some(action) = told.library.get(scan.action)
             && scan.is_framed()
@@ -96,15 +114,16 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
         (of(Source::Direct { anchor: scan.anchor }), detections)
     }
 
-    /// From where an anchor's candidates are seen, and what they compete with.
+    /// From where an anchor's candidates are seen, and what they compete with; `direct` is the anchor's direct path as it was
+    /// expected.
     pub(super) fn discovery_view(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         anchor: usize,
+        direct: &Regression,
     ) -> Option<(Viewpoint, Background)> {
         let sight = told.sight(anchor)?;
         let (bias_m, _) = self.filter.bias_m(anchor)?;
-        let direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
         let viewpoint = Viewpoint {
             agent: self.filter.agent(),
             height_m: sight.height_m,
@@ -123,7 +142,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
 }
 
 /// What is known of a source before a scan.
-pub(super) fn prospect<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
+fn prospect<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
     scan: &Scan<PATHS>,
     regression: Regression,
     environment: &EnvironmentMemory<VAS>,
@@ -158,7 +177,7 @@ fn detection_anywhere<const ANCHORS: usize, const VAS: usize, const PATHS: usize
 ) -> f32 {
     let prior = channel_prior(scan, source, channel);
     let told = told.config.association.detection_probability;
-    detection(scan, told, &prior, None, environment.is_unseen(source))
+    detection(scan, told, &prior, None, environment.is_unseen(source)).probability
 }
 
 /// The sources planning counts on: all direct paths, and the virtual anchors that are confirmed.
