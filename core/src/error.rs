@@ -128,7 +128,9 @@ pub enum Error {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(missing_docs)] // named after the fields they stand for
 pub enum Setting {
-    AccelerationStd,
+    AccelerationDensity,
+    /// Time constant of the velocity's decay.
+    VelocityDecay,
     VirtualAnchorWalk,
     PositionLimit,
     StartPosition,

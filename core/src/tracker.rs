@@ -103,10 +103,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
         observer.stage(Stage::Predict);
         let last = filter.agent();
+        let step = config.motion.step(elapsed_s);
         filter.predict(elapsed_s);
         let predicted = filter.agent();
-        discovery.predict(&last, &predicted, elapsed_s);
-        belief.predict(&last, &predicted, elapsed_s);
+        discovery.predict(&last, &predicted, &step);
+        belief.predict(&step, &last, &predicted, elapsed_s);
         environment.predict(config.association.survival_probability);
         channel.age();
 
@@ -115,7 +116,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             // Candidates are located relative to a tag that is about to jump.
             discovery.clear();
             let known = Known { filter, environment, channel, clutter };
-            if let Some(agent) = locate(belief, &told, &known, scans, elapsed_s) {
+            if let Some(agent) = locate(belief, &told, &known, scans) {
                 filter.place(&agent);
             }
         }

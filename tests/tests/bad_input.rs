@@ -244,7 +244,7 @@ fn hours_without_any_frame_leave_every_number_finite() {
         (1e-6, Reward::Published { scale: 1e-30 }),
     ] {
         let mut config = config();
-        config.motion.acceleration_std_m_s2 = acceleration;
+        config.motion.acceleration_density_m2_s3 = acceleration;
         config.start.position_std_m = 1000.0;
         config.start.velocity_std_m_s = 1000.0;
         config.ranging.bias_std_m = 0.15;
@@ -290,7 +290,8 @@ fn configurations_out_of_range_are_refused() {
         let outcome = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).map(|_| ());
         assert_eq!(outcome, Err(Error::Configuration(setting)));
     };
-    refuse(|c| c.motion.acceleration_std_m_s2 = f32::NAN, Setting::AccelerationStd);
+    refuse(|c| c.motion.acceleration_density_m2_s3 = f32::NAN, Setting::AccelerationDensity);
+    refuse(|c| c.motion.velocity_decay_s = 0.0, Setting::VelocityDecay);
     refuse(|c| c.start.position_m[1] = f32::INFINITY, Setting::StartPosition);
     refuse(|c| c.start.position_std_m = 0.0, Setting::StartDeviation);
     refuse(|c| c.ranging.floor_m = 0.0, Setting::RangeFloor);

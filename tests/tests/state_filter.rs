@@ -87,8 +87,12 @@ fn innovation<const A: usize, const V: usize>(
 #[test]
 fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(11));
-    let motion =
-        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.01,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let true_vas = [[-0.5_f64, 7.0], [11.5, 7.0], [0.5, -7.0], [6.8, 3.2], [5.2, -3.2], [5.2, 13.8]];
     let mut filter = StateFilter::<2, 8>::new(motion, [3.02, 7.80], 0.1, 0.03, 0.0, 0.0);
     let n = 4 + 2 * true_vas.len();
@@ -161,8 +165,12 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
 /// The same ranges to virtual anchors known exactly, and to physical anchors in their places.
 #[test]
 fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-2, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.1,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-2,
+        position_std_limit_m: 30.0,
+    };
     let exact = [(0, [-0.5_f32, 7.0]), (3, [5.2, -3.2])];
     for bias_std_m in [0.0, 0.2] {
         let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(41));
@@ -227,8 +235,12 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
 #[test]
 fn changes_that_wait_give_the_bits_of_one_after_the_other() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(5));
-    let motion =
-        Motion { acceleration_std_m_s2: 0.3, virtual_anchor_walk_m: 1e-3, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.3,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-3,
+        position_std_limit_m: 30.0,
+    };
     for bias_std_m in [0.0, 0.2] {
         let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], 2.0, 0.5, 0.1, bias_std_m);
         let prior = twin::Prior {
@@ -295,8 +307,12 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
 
 #[test]
 fn the_order_of_measurements_within_a_cycle_does_not_matter() {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.01,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut forwards = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
     assert!(forwards.insert_independent(0, [-0.5, 7.0], 0.2));
     let mut backwards = forwards.clone();
@@ -381,8 +397,9 @@ fn the_covariance_stays_positive_definite_at_full_size() {
         for prior in [0.03_f32, 10.0] {
             let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(3));
             let motion = Motion {
-                acceleration_std_m_s2: 0.01,
-                virtual_anchor_walk_m: 1e-4,
+                acceleration_density_m2_s3: 0.01,
+                velocity_decay_s: f32::INFINITY,
+                virtual_anchor_walk_m_sqrt_s: 1e-4,
                 position_std_limit_m: 30.0,
             };
             let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], prior, 0.03, 0.0, 0.0);
@@ -435,8 +452,12 @@ fn range_biases_are_found_while_the_tag_moves() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(21));
     let anchors = [[0.0_f32, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]];
     let biases = [0.20_f64, -0.10, 0.30, 0.05];
-    let motion =
-        Motion { acceleration_std_m_s2: 0.5, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.5,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut filter = StateFilter::<4, 1>::new(motion, [3.0, 4.5], 0.3, 0.5, 0.0, 0.2);
     for cycle in 0..3000 {
         let angle = 0.05 * f64::from(cycle);
@@ -464,8 +485,12 @@ fn range_biases_are_found_while_the_tag_moves() {
 
 /// A filter with correlations everywhere: two biases, and virtual anchors in three of its five slots.
 fn correlated(noise: &mut Noise) -> StateFilter<2, 5> {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.1,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut filter = StateFilter::<2, 5>::new(motion, [3.0, 7.0], 0.2, 0.3, 0.0, 0.1);
     let images = [(0, [-0.5, 7.0]), (2, [11.5, 7.0]), (4, [5.2, -3.2])];
     for (slot, image) in images {

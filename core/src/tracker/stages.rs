@@ -6,13 +6,13 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory};
-use crate::model::motion::Agent;
+use crate::model::motion::{Agent, ProcessNoise};
 use crate::observer::Observer;
 use crate::perceptor::association::evidence::evidence_nat;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
 use crate::perceptor::belief::Belief;
 use crate::perceptor::belief::acquisition::{Landmark, Sweep};
-use crate::perceptor::belief::manoeuvre::{ACCELERATION_FACTOR, Suspicion, is_manoeuvre};
+use crate::perceptor::belief::manoeuvre::{Suspicion, is_manoeuvre};
 use crate::perceptor::expectation::Expectations;
 use crate::perceptor::receiver::{Receiver, Scans};
 use crate::perceptor::scan::Scan;
@@ -65,7 +65,6 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
     told: &Told<'_, ANCHORS, ACTIONS>,
     known: &Known<'_, ANCHORS, VAS, ACTIONS>,
     scans: &Scans<ANCHORS, PATHS>,
-    elapsed_s: f32,
 ) -> Option<Agent> {
     let acquisition = belief.acquisition()?;
     let settings = &told.config.association;
@@ -79,13 +78,8 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
         // As many as scans: the pushes succeed.
         let _ = detections.push(known.detections_anywhere(told, scan));
         let all_per_m = clutter.all_per_m;
-        let _ = backgrounds.push(acquisition.backgrounds(
-            scan.anchor,
-            &scan.measurements,
-            all_per_m,
-            unmapped,
-            elapsed_s,
-        ));
+        let _ =
+            backgrounds.push(acquisition.backgrounds(scan.anchor, &scan.measurements, all_per_m, unmapped));
     }
     let sweeps = scans.iter().zip(&backgrounds).map(|(scan, all_per_m)| {
         let (bias_m, bias_variance_m2) = known.filter.bias_m(scan.anchor).unwrap_or((0.0, 0.0));
@@ -141,10 +135,11 @@ pub(super) fn expect<'a, const ANCHORS: usize, const VAS: usize, const PATHS: us
     let Some(elapsed_s) = manoeuvre_over_s.filter(|_| is_suspicious(&expected)) else { return expected };
     let motion_nat = total_evidence_nat(&expected, clutter);
     let predicted = filter.agent_covariance();
-    filter.disturb(ACCELERATION_FACTOR * told.config.motion.acceleration_std_m_s2, elapsed_s);
+    let speed_m_s = told.config.start.velocity_std_m_s;
+    filter.disturb(&ProcessNoise::of_turn(speed_m_s * speed_m_s, elapsed_s));
     let known = Known { filter, environment, channel, clutter };
     let widened = known.expect_all(told, scans);
-    if is_manoeuvre(motion_nat, total_evidence_nat(&widened, clutter)) {
+    if is_manoeuvre(motion_nat, total_evidence_nat(&widened, clutter), elapsed_s) {
         return widened;
     }
     filter.undisturb(&predicted);

@@ -219,7 +219,7 @@ pub(super) fn planning_state(
         velocity_m_s: [agent.mean.z, agent.mean.w],
         covariance: agent.covariance,
         elapsed_s,
-        acceleration_std_m_s2: config.motion.acceleration_std_m_s2,
+        motion: config.motion,
         variance_inflation: config.ranging.variance_inflation,
         range_floor_m: config.ranging.floor_m,
         radio: config.radio,

@@ -193,7 +193,7 @@ impl<T: Real> Acquisition<T> {
     /// Prediction by `dt` seconds; a position that is known worse than the limit gets no worse.
     pub fn predict(&mut self, motion: &Motion, dt: T) {
         let limit = square(T::of(motion.position_std_limit_m));
-        let acceleration = T::of(motion.acceleration_std_m_s2);
+        let acceleration = T::of(motion.acceleration_density_m2_s3);
         let places = self.places.iter_mut().map(|place| &mut place.agent);
         for agent in places.chain([&mut self.prior]) {
             let mut next = predict_agent(&agent.covariance, dt, acceleration, T::ONE);
