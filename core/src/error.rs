@@ -142,7 +142,7 @@ pub enum Setting {
     ClutterPerAnchor,
     UnmappedPerAnchor,
     MaxRange,
-    SurvivalProbability,
+    Disappearance,
     PulseDuration,
     RollOff,
     PulseShape,
@@ -160,6 +160,8 @@ pub enum Setting {
     Discount,
     Temperature,
     Exploration,
+    /// Patience of the search for a lost tag.
+    Patience,
     Hysteresis,
     PlannedActions,
     Horizon,

@@ -108,8 +108,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let predicted = filter.agent();
         discovery.predict(&last, &predicted, &step);
         belief.predict(&step, &last, &predicted, elapsed_s);
-        environment.predict(config.association.survival_probability);
-        channel.age();
+        environment.predict(config.association.disappearance_per_s, elapsed_s);
+        channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);
         if belief.is_acquiring() {

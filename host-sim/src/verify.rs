@@ -913,7 +913,7 @@ mod tests {
     fn ranges_are_equal_while_virtual_anchors_come_and_go() {
         let recording = recording(Kind::Ranges, 400, 0);
         let mut setup = setup(&recording);
-        setup.config.controller.choice.exploration = 0.05;
+        setup.config.controller.choice.exploration_per_s = 0.5;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.discovered > 0 && covered.forgotten > 0 && covered.action_changes > 0, "{covered:?}");
     }
@@ -932,7 +932,7 @@ mod tests {
         setup.config.controller.horizon = 5;
         setup.config.controller.reward = Reward::EntropyChange;
         setup.config.controller.planned_actions = 4;
-        setup.config.controller.choice.exploration = 0.5;
+        setup.config.controller.choice.exploration_per_s = 5.0;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.action_changes > 10, "{covered:?}");
     }
@@ -954,7 +954,7 @@ mod tests {
             setup.config.controller.per_anchor = per_anchor;
             setup.config.controller.rendezvous = rendezvous;
             setup.config.controller.horizon = 2;
-            setup.config.controller.choice.exploration = 0.2;
+            setup.config.controller.choice.exploration_per_s = 2.0;
             let covered = verified(&setup, &recording).covered;
             assert!(covered.action_changes > 10, "{covered:?}");
         }

@@ -387,7 +387,7 @@ fn random_frames_never_panic_and_never_leave_a_number_that_is_none() {
 fn each_anchor_keeps_to_the_actions_it_may_use() {
     let mut config = config();
     config.controller.per_anchor = true;
-    config.controller.choice.exploration = 0.5;
+    config.controller.choice.exploration_per_s = 5.0;
     config.controller.first_action = 30;
     let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).unwrap();
     assert_eq!(tracker.restrict(9, &[1]), Err(Error::UnknownAnchor { anchor: 9 }));

@@ -476,8 +476,8 @@ mod tests {
         let path = Measurement { range_m: 1.0, variance_m2: 1e-4, sinr, energy: 1.0, false_alarm: 1.0 };
         let source = Source::Direct { anchor };
         let shares = memory.shares(ACTION, &library());
-        memory.remember(source, ACTION, &path, 1.0);
-        memory.remember_noise(source, ACTION, &shares, (1.0, 1.0 / sinr), 0.0);
+        memory.remember(source, ACTION, &path, 1.0, 0.1);
+        memory.remember_noise(source, ACTION, &shares, (1.0, 1.0 / sinr), 0.0, 0.1);
     }
 
     /// A position without velocity, which prediction leaves as it is.

@@ -1,10 +1,11 @@
 //! Environment memory: which virtual anchors exist, and how sure that is.
 //!
 //! The state filter holds where they are; this memory holds that they are. Existence follows the Bernoulli
-//! recursion r <- P_s r between scans and the association's posterior after each; a virtual anchor is confirmed
+//! recursion r <- exp(-rate dt) r with time and the association's posterior after each; a virtual anchor is confirmed
 //! above 0.5 and forgotten below 1e-3. A virtual anchor that is hidden (its SINR says so) neither proves nor disproves that
 //! it exists, and keeps its existence; one that was never seen loses it slowly.
 
+use crate::model::clock::probability;
 use crate::model::source::Source;
 use crate::perceptor::association::outcome::AssociatedScan;
 use crate::perceptor::expectation::Sighting;
@@ -16,9 +17,9 @@ use nalgebra::{Matrix2, Vector2};
 pub const CONFIRMED: f32 = 0.5;
 /// Existence below which it is forgotten.
 const FORGOTTEN: f32 = 1e-3;
-/// What hides a virtual anchor that was never seen hides it for many cycles: five looks
-/// from there are worth one.
-const REPEATED_LOOK: f32 = 0.2;
+/// What hides a virtual anchor that was never seen does so for a while, in which looking again tells nothing new: so many
+/// independent looks in a second.
+const LOOKS_PER_S: f32 = 2.0;
 /// Existence is never certain: a wall can be taken down.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -99,31 +100,34 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
     }
 
     /// Moves ahead: virtual anchors cease to exist now and then, but for those that are hidden, of which nothing is learnt.
-    pub fn predict(&mut self, survival: f32) {
+    pub fn predict(&mut self, disappearance_per_s: f32, elapsed_s: f32) {
+        let gone = probability(disappearance_per_s, elapsed_s);
         for record in self.records.iter_mut().flatten() {
             if record.sighting == Sighting::Open {
-                record.existence *= survival;
+                record.existence -= record.existence * gone;
             }
         }
     }
 
     /// Enters the outcome of a scan for every virtual anchor of its anchor.
     pub fn observe<const PATHS: usize>(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
+        let look = probability(LOOKS_PER_S, associated.scan.elapsed_s);
         for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
             if let Source::Virtual { slot, .. } = regression.source {
-                self.remember(slot, belief.existence, belief.missed < 0.5, view.sighting);
+                self.remember(slot, belief.existence, belief.missed < 0.5, view.sighting, look);
             }
         }
     }
 
-    /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and whether it could be.
-    fn remember(&mut self, slot: usize, existence: f32, seen: bool, sighting: Sighting) {
+    /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and whether it could be;
+    /// `look` is the probability that it tells something new of what is hidden.
+    fn remember(&mut self, slot: usize, existence: f32, seen: bool, sighting: Sighting, look: f32) {
         if let Some(Some(record)) = self.records.get_mut(slot) {
             let drop = record.existence - existence;
             // Where a path is hardly expected, having none tells little; having one tells as much as ever.
             let existence = match sighting == Sighting::Hidden && drop > 0.0 {
                 true if record.hits > 0 => record.existence,
-                true => record.existence - REPEATED_LOOK * drop,
+                true => record.existence - look * drop,
                 false => existence,
             };
             record.existence = smaller(existence, MOST_CERTAIN);
@@ -250,11 +254,11 @@ mod tests {
         let mut memory = EnvironmentMemory::<1>::default();
         memory.insert(0, 0, 0.9, hits);
         for _ in 0..scans {
-            memory.predict(0.999);
+            memory.predict(0.01, 0.1);
             let r = memory.get(0).map_or(0.0, |record| record.existence);
             // Bernoulli: missed although it exists, or because it does not.
             let missed = r * (1.0 - detection) / (1.0 - r * detection);
-            memory.remember(0, missed, false, sighting);
+            memory.remember(0, missed, false, sighting, probability(LOOKS_PER_S, 0.1));
         }
         memory.get(0).map_or(0.0, |record| record.existence)
     }

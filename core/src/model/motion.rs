@@ -9,7 +9,7 @@
 //!
 //! so that cutting a step in two changes nothing but rounding.
 
-use crate::real::{expm1, limited};
+use crate::real::expm1;
 use nalgebra::{Matrix4, Vector4};
 
 /// How the tag moves and how much the map changes.
@@ -161,11 +161,6 @@ impl MotionStep {
         self.carry_covariance(&mut predicted);
         predicted
     }
-}
-
-/// What an exponential memory of this rate (per second) takes over of something new after `elapsed_s` seconds: 0 to 1.
-pub fn share(rate_per_s: f32, elapsed_s: f32) -> f32 {
-    limited(-expm1(-(rate_per_s * elapsed_s)), 0.0, 1.0)
 }
 
 #[cfg(test)]

@@ -246,7 +246,7 @@ pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usiz
             channel.observe(outcome, library);
         }
         if !belief.is_acquiring() {
-            clutter.observe(scan.anchor, outcome.unexplained());
+            clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);
         }
     }
 }

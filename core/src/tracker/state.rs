@@ -171,8 +171,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let (values, policy) = (controller.values().values(), controller.policy());
             values.iter().chain(policy).for_each(|v| hash.float(*v));
             hash.float(controller.planned_reward().unwrap_or(0.0));
+            hash.float(controller.turn_s());
         }
         self.clutter.unexplained().iter().for_each(|v| hash.float(*v));
+        self.receiver.silent_s().iter().flatten().for_each(|v| hash.float(*v));
         for last in *self.receiver.last_sequence() {
             hash.word(u32::from(last.is_some()));
             hash.word(last.unwrap_or(0));

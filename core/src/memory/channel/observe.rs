@@ -94,7 +94,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     ) {
         let Regression { source, range_m, .. } = *regression;
         if let Some(level) = scan.level(range_m) {
-            self.remember_noise(source, scan.action, shares, (range_m, level), jump);
+            self.remember_noise(source, scan.action, shares, (range_m, level), jump, scan.since_frame_s());
         }
     }
 
@@ -110,7 +110,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         let source = regression.source;
         for (path, weight) in scan.measurements.iter().zip(&belief.associated) {
             if *weight > 0.5 && path.sinr > 0.0 {
-                self.remember(source, scan.action, path, *weight);
+                self.remember(source, scan.action, path, *weight, scan.since_frame_s());
             }
         }
         self.observe_level(regression, scan, shares, jump);

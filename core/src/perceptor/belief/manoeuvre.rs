@@ -7,7 +7,7 @@
 //! the map as about the motion, and raises no suspicion.) Each is weighed by the evidence of the scans for the place that it
 //! predicts (see [`super::loss`]); the manoeuvre wins if it gains more than its own improbability costs.
 
-use crate::model::motion::share;
+use crate::model::clock::probability;
 use crate::real::{larger, ln};
 
 /// Manoeuvres per second: a turn every five seconds.
@@ -47,7 +47,7 @@ impl Suspicion {
 /// Whether there was a manoeuvre in the last `elapsed_s` seconds, by the evidence for the place that each hypothesis predicts:
 /// it must outweigh the odds ln((1 - p) / p) of its own probability p.
 pub fn is_manoeuvre(evidence_of_motion_nat: f32, evidence_of_manoeuvre_nat: f32, elapsed_s: f32) -> bool {
-    let turned = share(TURNS_PER_S, elapsed_s);
+    let turned = probability(TURNS_PER_S, elapsed_s);
     // Written so that no turn at all is none.
     evidence_of_manoeuvre_nat - evidence_of_motion_nat > ln((1.0 - turned) / larger(turned, 1e-9))
 }
