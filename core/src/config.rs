@@ -59,8 +59,8 @@ pub struct AssociationSettings {
     /// Expected number of paths per anchor that come from virtual anchors not in the map, at the start (0 to 100);
     /// adapted to what is seen.
     pub unmapped_per_anchor: f32,
-    /// Probability that a virtual anchor survives a cycle (0.5 to 1).
-    pub survival_probability: f32,
+    /// How often a virtual anchor ceases to exist, per second (0 to 10). Larger gives up walls sooner.
+    pub disappearance_per_s: f32,
 }
 
 /// What the radio's frames look like.
@@ -179,8 +179,9 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             motion: Motion {
-                acceleration_std_m_s2: 0.01,
-                virtual_anchor_walk_m: 1e-4,
+                acceleration_density_m2_s3: 1e-5,
+                velocity_decay_s: 10.0,
+                virtual_anchor_walk_m_sqrt_s: 3e-4,
                 position_std_limit_m: 30.0,
             },
             start: Start { position_m: [0.0, 0.0], position_std_m: 0.25, velocity_std_m_s: 0.03 },
@@ -196,7 +197,7 @@ impl Default for Config {
                 detection_probability: 0.95,
                 clutter_per_anchor: 1.0,
                 unmapped_per_anchor: 5.0,
-                survival_probability: 0.999,
+                disappearance_per_s: 0.003,
             },
             discovery: true,
             exact_map: false,
@@ -213,9 +214,9 @@ impl Default for Config {
                 learning: Learning { rate: 0.5, experience_rate: 0.02, discount: 0.5, bootstrap: false },
                 choice: Choice {
                     temperature_nat: 0.1,
-                    exploration: 0.001,
+                    exploration_per_s: 0.003,
                     hysteresis_nat: 0.01,
-                    patience_cycles: 15,
+                    patience_s: 1.5,
                 },
                 planned_actions: 20,
                 horizon: 1,
@@ -253,8 +254,9 @@ impl Config {
         };
         let Config { motion, start, ranging, association, discovery: _, exact_map: _, radio, controller } =
             self;
-        within(motion.acceleration_std_m_s2, 1e-6, 100.0, Setting::AccelerationStd)?;
-        within(motion.virtual_anchor_walk_m, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
+        within(motion.acceleration_density_m2_s3, 1e-12, 1e4, Setting::AccelerationDensity)?;
+        within(motion.velocity_decay_s, 0.1, f32::INFINITY, Setting::VelocityDecay)?;
+        within(motion.virtual_anchor_walk_m_sqrt_s, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
         within(motion.position_std_limit_m, 1.0, 1e4, Setting::PositionLimit)?;
         for coordinate in start.position_m {
             within(coordinate, -1e4, 1e4, Setting::StartPosition)?;
@@ -269,7 +271,7 @@ impl Config {
         within(association.detection_probability, 0.01, 0.999, Setting::DetectionProbability)?;
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
         within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
-        within(association.survival_probability, 0.5, 1.0, Setting::SurvivalProbability)?;
+        within(association.disappearance_per_s, 0.0, 10.0, Setting::Disappearance)?;
         match &radio.pulse_shape {
             PulseShape::RootRaisedCosine { roll_off } => within(*roll_off, 0.0, 1.0, Setting::RollOff)?,
             PulseShape::Sampled { step_s, autocorrelation } => {
@@ -292,7 +294,8 @@ impl Config {
         within(controller.learning.experience_rate, 0.0, 1.0, Setting::LearningRate)?;
         within(controller.learning.discount, 0.0, 1.0, Setting::Discount)?;
         within(controller.choice.temperature_nat, 1e-3, 100.0, Setting::Temperature)?;
-        within(controller.choice.exploration, 0.0, 1.0, Setting::Exploration)?;
+        within(controller.choice.exploration_per_s, 0.0, 1e3, Setting::Exploration)?;
+        within(controller.choice.patience_s, 0.0, 1e6, Setting::Patience)?;
         within(controller.choice.hysteresis_nat, 0.0, 100.0, Setting::Hysteresis)?;
         within(controller.planned_actions as f32, 0.0, 1e3, Setting::PlannedActions)?;
         within(controller.horizon as f32, 1.0, LONGEST_HORIZON as f32, Setting::Horizon)?;

@@ -128,7 +128,9 @@ pub enum Error {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(missing_docs)] // named after the fields they stand for
 pub enum Setting {
-    AccelerationStd,
+    AccelerationDensity,
+    /// Time constant of the velocity's decay.
+    VelocityDecay,
     VirtualAnchorWalk,
     PositionLimit,
     StartPosition,
@@ -140,7 +142,7 @@ pub enum Setting {
     ClutterPerAnchor,
     UnmappedPerAnchor,
     MaxRange,
-    SurvivalProbability,
+    Disappearance,
     PulseDuration,
     RollOff,
     PulseShape,
@@ -158,6 +160,8 @@ pub enum Setting {
     Discount,
     Temperature,
     Exploration,
+    /// Patience of the search for a lost tag.
+    Patience,
     Hysteresis,
     PlannedActions,
     Horizon,

@@ -9,7 +9,7 @@ mod stages;
 mod state;
 mod values;
 
-use self::stages::{Heard, associate, follow_manoeuvre, locate, remember, revise_map};
+use self::stages::{Heard, associate, expect, locate, remember, revise_map};
 use self::values::{Known, Told, planning_state, visible};
 use crate::config::Config;
 use crate::controller::Controllers;
@@ -104,25 +104,27 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
         observer.stage(Stage::Predict);
         let last = filter.agent();
+        let step = config.motion.step(elapsed_s);
         filter.predict(elapsed_s);
         let predicted = filter.agent();
-        discovery.predict(&last, &predicted, elapsed_s);
-        belief.predict(&last, &predicted, elapsed_s);
+        discovery.predict(&last, &predicted, &step);
+        belief.predict(&step, &last, &predicted, elapsed_s);
+        environment.predict(config.association.disappearance_per_s, elapsed_s);
+        channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);
         if belief.is_acquiring() {
             // Candidates are located relative to a tag that is about to jump.
             discovery.clear();
             let known = Known { filter, environment, channel, clutter };
-            if let Some(agent) = locate(belief, &told, &known, scans, elapsed_s) {
+            if let Some(agent) = locate(belief, &told, &known, scans) {
                 filter.place(&agent);
             }
         }
-        if !belief.is_acquiring() {
-            follow_manoeuvre(filter, &told, environment, channel, clutter, scans, elapsed_s);
-        }
+        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(elapsed_s);
+        let expected = expect(filter, &told, environment, channel, clutter, scans, manoeuvre_over_s);
         let known = Known { filter, environment, channel, clutter };
-        let outcomes = associate(&told, &known, discovery, scans, observer);
+        let outcomes = associate(&told, &known, discovery, expected, observer);
         let evidence_nat = outcomes.iter().fold(0.0, |sum, (outcome, _)| sum + outcome.evidence_nat);
         let lost = belief.watch(evidence_nat, filter.agent());
 

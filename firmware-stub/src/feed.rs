@@ -133,7 +133,8 @@ impl Feed {
         let cycles = self.word()?;
         let seed = u64::from(self.word()?) | u64::from(self.word()?) << 32;
         let mut config = Config::default();
-        config.motion.acceleration_std_m_s2 = self.float()?;
+        config.motion.acceleration_density_m2_s3 = self.float()?;
+        config.motion.velocity_decay_s = self.float()?;
         config.start.position_m = [self.float()?, self.float()?];
         config.start.position_std_m = self.float()?;
         config.start.velocity_std_m_s = self.float()?;

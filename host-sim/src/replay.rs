@@ -97,7 +97,7 @@ impl Setup {
     /// # Errors
     /// The recording asks for more than the tracker holds.
     pub fn new(recording: &Recording, file: &std::path::Path, seed: Option<u64>) -> Result<Self, InputError> {
-        let Recording { motion, start, association, radio, .. } = recording;
+        let Recording { start, association, radio, .. } = recording;
         let refuse =
             |item: &str, reason: String| Err(InputError::new(file.join(META_FILE), reason).for_item(item));
         if recording.anchors.len() > LARGE_ANCHORS {
@@ -115,7 +115,7 @@ impl Setup {
             return refuse("virtual_anchors", reason);
         }
         let mut config = Config::default();
-        config.motion.acceleration_std_m_s2 = motion.acceleration_std_m_s2 as f32;
+        config.motion.acceleration_density_m2_s3 = recording.acceleration_density_m2_s3() as f32;
         config.start.position_m = single(drawn_start(start, seed));
         config.start.position_std_m = start.position_std_m as f32;
         config.start.velocity_std_m_s = start.velocity_std_m_s as f32;
@@ -228,7 +228,7 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
     let beyond = "is beyond what the tracker takes";
     let (file, item, allowed) = match error {
         Error::Configuration(setting) => match setting {
-            Setting::AccelerationStd => (META_FILE, "motion.acceleration_std_m_s2", "1e-6 to 100"),
+            Setting::AccelerationDensity => (META_FILE, "motion.acceleration_std_m_s2", "1e-6 to 100"),
             Setting::StartPosition => (META_FILE, "start.position_m", "-1e4 to 1e4"),
             Setting::StartDeviation => {
                 (META_FILE, "start.position_std_m or start.velocity_std_m_s", "1e-3 to 1e3")
@@ -393,8 +393,7 @@ pub fn step<const A: usize>(
     let observations = input.observations();
     let begin = std::time::Instant::now();
     let mut refused = None;
-    let mut outcome =
-        tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut observer);
+    let mut outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut observer);
     if let Err(error) = outcome {
         refused = Some(error);
         outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height, &mut observer);

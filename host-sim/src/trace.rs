@@ -36,7 +36,8 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
     let config = &setup.config;
     let [x, y] = config.start.position_m;
     for value in [
-        config.motion.acceleration_std_m_s2,
+        config.motion.acceleration_density_m2_s3,
+        config.motion.velocity_decay_s,
         x,
         y,
         config.start.position_std_m,

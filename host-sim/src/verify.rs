@@ -473,7 +473,6 @@ impl Comparison {
                     a.existence,
                     b.existence,
                 );
-                self.count(stage, format_args!("misses of virtual anchor {slot}"), a.misses, b.misses);
                 self.count(stage, format_args!("hits of virtual anchor {slot}"), a.hits, b.hits);
             }
         }
@@ -738,7 +737,6 @@ impl ErrorGrowth {
 
 #[cfg(test)]
 mod tests {
-    use cogmint_core::model::channel::ChannelKnowledge as _;
     use super::*;
     use crate::recording::{
         Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
@@ -746,6 +744,7 @@ mod tests {
     use crate::reference::pulse::Pulse;
     use cogmint_core::Variant;
     use cogmint_core::controller::reward::Reward;
+    use cogmint_core::model::channel::ChannelKnowledge as _;
     use cogmint_core::model::observation::LONGEST_SCAN;
     use cogmint_core::model::source::Source;
     use cogmint_core::perceptor::association::Mode;
@@ -914,7 +913,7 @@ mod tests {
     fn ranges_are_equal_while_virtual_anchors_come_and_go() {
         let recording = recording(Kind::Ranges, 400, 0);
         let mut setup = setup(&recording);
-        setup.config.controller.choice.exploration = 0.05;
+        setup.config.controller.choice.exploration_per_s = 0.5;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.discovered > 0 && covered.forgotten > 0 && covered.action_changes > 0, "{covered:?}");
     }
@@ -935,7 +934,7 @@ mod tests {
         setup.config.controller.horizon = 5;
         setup.config.controller.reward = Reward::EntropyChange;
         setup.config.controller.planned_actions = 4;
-        setup.config.controller.choice.exploration = 0.5;
+        setup.config.controller.choice.exploration_per_s = 5.0;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.action_changes > 10, "{covered:?}");
     }
@@ -957,7 +956,7 @@ mod tests {
             setup.config.controller.per_anchor = per_anchor;
             setup.config.controller.rendezvous = rendezvous;
             setup.config.controller.horizon = 2;
-            setup.config.controller.choice.exploration = 0.2;
+            setup.config.controller.choice.exploration_per_s = 2.0;
             let covered = verified(&setup, &recording).covered;
             assert!(covered.action_changes > 10, "{covered:?}");
         }

@@ -1,7 +1,9 @@
 //! What bad input gets: a typed error that names it, and a state unchanged to the bit.
 
 use cogmint_core::controller::reward::Reward;
-use cogmint_core::model::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples, TagHeight};
+use cogmint_core::model::observation::{
+    Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples, TagHeight,
+};
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
@@ -247,7 +249,7 @@ fn hours_without_any_frame_leave_every_number_finite() {
         (1e-6, Reward::Published { scale: 1e-30 }),
     ] {
         let mut config = config();
-        config.motion.acceleration_std_m_s2 = acceleration;
+        config.motion.acceleration_density_m2_s3 = acceleration;
         config.start.position_std_m = 1000.0;
         config.start.velocity_std_m_s = 1000.0;
         config.ranging.bias_std_m = 0.15;
@@ -293,7 +295,8 @@ fn configurations_out_of_range_are_refused() {
         let outcome = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).map(|_| ());
         assert_eq!(outcome, Err(Error::Configuration(setting)));
     };
-    refuse(|c| c.motion.acceleration_std_m_s2 = f32::NAN, Setting::AccelerationStd);
+    refuse(|c| c.motion.acceleration_density_m2_s3 = f32::NAN, Setting::AccelerationDensity);
+    refuse(|c| c.motion.velocity_decay_s = 0.0, Setting::VelocityDecay);
     refuse(|c| c.start.position_m[1] = f32::INFINITY, Setting::StartPosition);
     refuse(|c| c.start.position_std_m = 0.0, Setting::StartDeviation);
     refuse(|c| c.ranging.floor_m = 0.0, Setting::RangeFloor);
@@ -389,7 +392,7 @@ fn random_frames_never_panic_and_never_leave_a_number_that_is_none() {
 fn each_anchor_keeps_to_the_actions_it_may_use() {
     let mut config = config();
     config.controller.per_anchor = true;
-    config.controller.choice.exploration = 0.5;
+    config.controller.choice.exploration_per_s = 5.0;
     config.controller.first_action = 30;
     let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).unwrap();
     assert_eq!(tracker.restrict(9, &[1]), Err(Error::UnknownAnchor { anchor: 9 }));

@@ -87,8 +87,12 @@ fn innovation<const A: usize, const V: usize>(
 #[test]
 fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(11));
-    let motion =
-        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.01,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let true_vas = [[-0.5_f64, 7.0], [11.5, 7.0], [0.5, -7.0], [6.8, 3.2], [5.2, -3.2], [5.2, 13.8]];
     let mut filter = StateFilter::<2, 8>::new(motion, [3.02, 7.80], 0.1, 0.03, 0.0, 0.0);
     let n = 4 + 2 * true_vas.len();
@@ -161,8 +165,12 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
 /// The same ranges to virtual anchors known exactly, and to physical anchors in their places.
 #[test]
 fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-2, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.1,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-2,
+        position_std_limit_m: 30.0,
+    };
     let exact = [(0, [-0.5_f32, 7.0]), (3, [5.2, -3.2])];
     for bias_std_m in [0.0, 0.2] {
         let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(41));
@@ -195,7 +203,9 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
                 let range_m = ((truth[0] - x).hypot(truth[1] - y) + deviation * noise.normal()) as f32;
                 let weight = 0.5 + 0.5 * noise.uniform() as f32;
                 let update = |filter: &StateFilter<2, 4>, source, anchor_m| {
-                    let regression = filter.regress(source, &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 }).unwrap();
+                    let regression = filter
+                        .regress(source, &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 })
+                        .unwrap();
                     let nu = range_m - regression.range_m;
                     let variance_m2 = (deviation * deviation) as f32;
                     let moments = Moments { weight, first_m: weight * nu, second_m2: weight * nu * nu };
@@ -227,8 +237,12 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
 #[test]
 fn changes_that_wait_give_the_bits_of_one_after_the_other() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(5));
-    let motion =
-        Motion { acceleration_std_m_s2: 0.3, virtual_anchor_walk_m: 1e-3, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.3,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-3,
+        position_std_limit_m: 30.0,
+    };
     for bias_std_m in [0.0, 0.2] {
         let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], 2.0, 0.5, 0.1, bias_std_m);
         let prior = twin::Prior {
@@ -258,8 +272,9 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 } else {
                     Source::Virtual { anchor, slot: slots[(noise.uniform() * slots.len() as f64) as usize] }
                 };
-                let line =
-                    filter.regress(source, &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 }).unwrap();
+                let line = filter
+                    .regress(source, &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 })
+                    .unwrap();
                 let sight = twin::Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 };
                 let reference_line = reference.regress(source, &sight);
                 let weight = noise.uniform() as f32;
@@ -295,8 +310,12 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
 
 #[test]
 fn the_order_of_measurements_within_a_cycle_does_not_matter() {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.01,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut forwards = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
     assert!(forwards.insert_independent(0, [-0.5, 7.0], 0.2));
     let mut backwards = forwards.clone();
@@ -381,8 +400,9 @@ fn the_covariance_stays_positive_definite_at_full_size() {
         for prior in [0.03_f32, 10.0] {
             let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(3));
             let motion = Motion {
-                acceleration_std_m_s2: 0.01,
-                virtual_anchor_walk_m: 1e-4,
+                acceleration_density_m2_s3: 0.01,
+                velocity_decay_s: f32::INFINITY,
+                virtual_anchor_walk_m_sqrt_s: 1e-4,
                 position_std_limit_m: 30.0,
             };
             let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], prior, 0.03, 0.0, 0.0);
@@ -435,8 +455,12 @@ fn range_biases_are_found_while_the_tag_moves() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(21));
     let anchors = [[0.0_f32, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]];
     let biases = [0.20_f64, -0.10, 0.30, 0.05];
-    let motion =
-        Motion { acceleration_std_m_s2: 0.5, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.5,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut filter = StateFilter::<4, 1>::new(motion, [3.0, 4.5], 0.3, 0.5, 0.0, 0.2);
     for cycle in 0..3000 {
         let angle = 0.05 * f64::from(cycle);
@@ -464,8 +488,12 @@ fn range_biases_are_found_while_the_tag_moves() {
 
 /// A filter with correlations everywhere: two biases, and virtual anchors in three of its five slots.
 fn correlated(noise: &mut Noise) -> StateFilter<2, 5> {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.1,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut filter = StateFilter::<2, 5>::new(motion, [3.0, 7.0], 0.2, 0.3, 0.0, 0.1);
     let images = [(0, [-0.5, 7.0]), (2, [11.5, 7.0]), (4, [5.2, -3.2])];
     for (slot, image) in images {
@@ -563,7 +591,7 @@ fn a_slot_that_is_taken_or_does_not_exist_takes_nothing() {
 #[test]
 fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(3));
-    let motion = Motion::default();
+    let motion = cogmint_core::Config::default().motion;
     for (away_m, height_m, height_std_m) in
         [(3.0, 2.0, 0.2), (1.0, 2.0, 0.3), (6.0, -1.5, 0.5), (0.1, 3.0, 0.2), (4.0, 4.0, 0.0)]
     {
@@ -590,7 +618,10 @@ fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
         // First order in the height: the draws have the second too. 200,000 draws leave 0.3 %.
         assert!((ratio - 1.0).abs() < 0.04, "{place}");
         // All of it is residual: it says nothing about where the tag is.
-        assert_eq!((known.range_m, known.slope, known.explained_m2), (told.range_m, told.slope, told.explained_m2));
+        assert_eq!(
+            (known.range_m, known.slope, known.explained_m2),
+            (told.range_m, told.slope, told.explained_m2)
+        );
         assert_eq!(known.residual_m2 < told.residual_m2, height_std_m > 0.0, "{place}");
     }
     // At one height there is no slope: the range is what it was, to the bit.

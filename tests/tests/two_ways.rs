@@ -124,7 +124,10 @@ fn refused_between_cycles(recording: &Recording) -> Vec<(Refused, Error)> {
         (Box::new(receive), Error::NotBegun),
         (Box::new(|tracker| tracker.finish().map(drop)), Error::NotBegun),
         (Box::new(move |tracker| tracker.begin(elapsed_s, Some(TagHeight::exact(1001.0)))), Error::TagHeight),
-        (Box::new(move |tracker| tracker.begin(elapsed_s, Some(TagHeight::exact(f32::NAN)))), Error::TagHeight),
+        (
+            Box::new(move |tracker| tracker.begin(elapsed_s, Some(TagHeight::exact(f32::NAN)))),
+            Error::TagHeight,
+        ),
     ];
     for elapsed_s in [0.0, -0.1, f32::INFINITY, 3601.0] {
         let begin: Refused = Box::new(move |tracker| tracker.begin(elapsed_s, height));

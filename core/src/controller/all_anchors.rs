@@ -79,7 +79,8 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
             });
             let given = planner.expect(others);
             let visible = sources.clone().filter(|sight| is_own(sight.source.anchor()));
-            let outcome = Outcome { applied, earned, heard, lost: is_lost, called };
+            let outcome =
+                Outcome { applied, earned, heard, elapsed_s: state.elapsed_s, lost: is_lost, called };
             controller.decide(&outcome, &planner, visible, &given);
             if index == 0 {
                 first_applied = applied;

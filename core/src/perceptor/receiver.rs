@@ -10,7 +10,7 @@ use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check
 use crate::observer::Observer;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
-use crate::real::SPEED_OF_LIGHT_M_S;
+use crate::real::{SPEED_OF_LIGHT_M_S, smaller};
 use heapless::Vec;
 
 /// What the receiver is told of an anchor's link.
@@ -41,6 +41,8 @@ pub struct Receiver<const ANCHORS: usize, const PATHS: usize> {
     estimator_pulse: Pulse,
     gain_control: [GainControl; ANCHORS],
     last_sequence: [Option<u32>; ANCHORS],
+    /// Time since the last scan and the last frame of every anchor, seconds.
+    silent_s: [[f32; 2]; ANCHORS],
 }
 
 /// Which anchors have delivered a frame and ranges in a cycle.
@@ -66,7 +68,15 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             estimator_pulse: pulse,
             gain_control: [GainControl::default(); ANCHORS],
             last_sequence: [None; ANCHORS],
+            silent_s: [[0.0; 2]; ANCHORS],
         }
+    }
+
+    /// Time passes.
+    pub fn advance(&mut self, elapsed_s: f32) {
+        // A day is as good as for ever.
+        let later = |silent_s: &mut f32| *silent_s = smaller(*silent_s + elapsed_s, 86_400.0);
+        self.silent_s.iter_mut().flatten().for_each(later);
     }
 
     /// Refuses a bad observation of one of the first `anchors`; `delivered` says what came before in the same cycle.
@@ -127,7 +137,8 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         let place = scans.iter().position(|scan| scan.anchor >= anchor).unwrap_or(scans.len());
         if scans.get(place).is_none_or(|scan| scan.anchor != anchor) {
             // One per anchor: there is room.
-            let _ = scans.insert(place, Scan::new(anchor, link.expected));
+            let elapsed_s = self.silent_s.get_mut(anchor).map_or(0.0, |[scan_s, _]| core::mem::take(scan_s));
+            let _ = scans.insert(place, Scan::new(anchor, link.expected, elapsed_s));
         }
         let Some(scan) = scans.get_mut(place) else { return };
         match observation {
@@ -165,7 +176,9 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
         observer.estimate(frame.anchor, &estimate);
-        let unit = self.unit(frame, estimate.noise.white, link);
+        let elapsed_s =
+            self.silent_s.get_mut(frame.anchor).map_or(0.0, |[_, frame_s]| core::mem::take(frame_s));
+        let unit = self.unit(frame, estimate.noise.white, link, elapsed_s);
         if let (Some(sequence), Some(last)) = (frame.sequence, self.last_sequence.get_mut(frame.anchor)) {
             *last = Some(sequence);
         }
@@ -176,6 +189,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             unit,
             first_sample_delay_s: frame.first_sample_delay_s,
             sample_spacing_s: radio.sample_spacing_s,
+            elapsed_s,
             threshold: estimator.threshold(),
             resolution_m: pulse.duration_s * SPEED_OF_LIGHT_M_S,
         });
@@ -196,7 +210,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     }
 
     /// What the powers of a frame with this level of white noise are measured in.
-    fn unit(&mut self, frame: &Frame<'_>, white: f32, link: &LinkView) -> f32 {
+    fn unit(&mut self, frame: &Frame<'_>, white: f32, link: &LinkView, elapsed_s: f32) -> f32 {
         let Some(gain_control) = self.gain_control.get_mut(frame.anchor) else { return 1.0 };
         if !self.radio.gain_control {
             return 1.0;
@@ -206,7 +220,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         let is_sought = link.is_lost
             && frame.action != link.held
             && (link.sought_with == own || gain_control.sought_with() == own);
-        gain_control.unit(frame.samples, white, frame.action, link.loss_ln, is_sought)
+        gain_control.unit(frame.samples, white, elapsed_s, frame.action, link.loss_ln, is_sought)
     }
 
     /// Whether the last frame of an anchor was one in which a lost tag was sought with another action than the one held.
@@ -227,6 +241,11 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     /// The counter of every anchor's last frame.
     pub fn last_sequence(&self) -> &[Option<u32>; ANCHORS] {
         &self.last_sequence
+    }
+
+    /// Time since the last scan and the last frame of every anchor, seconds.
+    pub fn silent_s(&self) -> &[[f32; 2]; ANCHORS] {
+        &self.silent_s
     }
 
     /// Threshold on the normalised energy of a path, of the pulse last used.

@@ -118,8 +118,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
         }
         observer.stage(Stage::Estimate);
-        self.scans.clear();
-        self.begun = Some(begun);
+        self.start_cycle(begun);
         // By anchor, as the estimates are shown to the observer.
         for anchor in 0..self.anchors.len() {
             for observation in observations.iter().filter(|observation| observation.anchor() == anchor) {
@@ -135,8 +134,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// # Errors
     /// Bad input, or [`Error::AlreadyBegun`]; nothing has changed then.
     pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
-        self.begun = Some(self.check_begin(elapsed_s, tag_height)?);
-        self.scans.clear();
+        let begun = self.check_begin(elapsed_s, tag_height)?;
+        self.start_cycle(begun);
         Ok(())
     }
 
@@ -176,6 +175,12 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             return Err(Error::TagHeight);
         }
         Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default() })
+    }
+
+    fn start_cycle(&mut self, begun: Begun<ANCHORS>) {
+        self.receiver.advance(begun.elapsed_s);
+        self.scans.clear();
+        self.begun = Some(begun);
     }
 
     fn take(&mut self, observation: &Observation<'_>, observer: &mut impl Observer<VAS, PATHS>) {

@@ -14,6 +14,7 @@ use crate::model::measurement::Measurement;
 use crate::model::observation::TagHeight;
 use crate::model::source::Source;
 use crate::perceptor::belief::acquisition::Acquisition;
+use crate::perceptor::expectation::Sighting;
 use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
@@ -156,7 +157,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             hash.word(slot as u32);
             hash.word(record.anchor as u32);
             hash.float(record.existence);
-            hash.word(u32::from(record.misses));
+            hash.word(u32::from(record.sighting == Sighting::Hidden));
             hash.word(record.hits);
         }
         self.channel.visit(|v| hash.float(v));
@@ -170,8 +171,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let (values, policy) = (controller.values().values(), controller.policy());
             values.iter().chain(policy).for_each(|v| hash.float(*v));
             hash.float(controller.planned_reward().unwrap_or(0.0));
+            hash.float(controller.turn_s());
         }
         self.clutter.unexplained().iter().for_each(|v| hash.float(*v));
+        self.receiver.silent_s().iter().flatten().for_each(|v| hash.float(*v));
         for last in *self.receiver.last_sequence() {
             hash.word(u32::from(last.is_some()));
             hash.word(last.unwrap_or(0));

@@ -64,8 +64,9 @@ fn run(slot: &mut MaybeUninit<Filter>) -> Result<(), Fault> {
     }
     let steps = u32::from_le_bytes(words.bytes()?);
     let motion = Motion {
-        acceleration_std_m_s2: words.float()?,
-        virtual_anchor_walk_m: words.float()?,
+        acceleration_density_m2_s3: words.float()?,
+        velocity_decay_s: words.float()?,
+        virtual_anchor_walk_m_sqrt_s: words.float()?,
         position_std_limit_m: words.float()?,
     };
     let start_m = [words.float()?, words.float()?];

@@ -113,6 +113,24 @@ pub struct Motion {
     pub acceleration_std_m_s2: f64,
 }
 
+impl Recording {
+    /// Median time from cycle to cycle, seconds.
+    pub fn usual_period_s(&self) -> f64 {
+        let times_s = self.cycles.iter().map(|cycle| cycle.time_s);
+        let mut periods_s: Vec<f64> =
+            times_s.clone().skip(1).zip(times_s).map(|(now, then)| now - then).collect();
+        periods_s.sort_by(f64::total_cmp);
+        periods_s.get(periods_s.len() / 2).copied().unwrap_or(1.0)
+    }
+
+    /// Density of the tag's white acceleration, m^2/s^3: over a usual cycle the velocity's variance grows as with the
+    /// acceleration told, which is constant within a cycle.
+    pub fn acceleration_density_m2_s3(&self) -> f64 {
+        let std_m_s2 = self.motion.acceleration_std_m_s2;
+        std_m_s2 * std_m_s2 * self.usual_period_s()
+    }
+}
+
 /// The prior of the first position and velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

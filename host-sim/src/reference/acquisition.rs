@@ -15,7 +15,9 @@
 
 use super::association::{Measurement, is_earlier};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
-use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, height_variance_m2, predict_agent, regress_distance};
+use super::state_filter::{
+    AGENT, Agent, PX, PY, VX, VY, height_variance_m2, predict_agent, regress_distance,
+};
 use super::{Matrix, zeros};
 use cogmint_core::model::motion::Motion;
 use std::cmp::Ordering;
@@ -193,7 +195,7 @@ impl<T: Real> Acquisition<T> {
     /// Prediction by `dt` seconds; a position that is known worse than the limit gets no worse.
     pub fn predict(&mut self, motion: &Motion, dt: T) {
         let limit = square(T::of(motion.position_std_limit_m));
-        let acceleration = T::of(motion.acceleration_std_m_s2);
+        let acceleration = T::of(motion.acceleration_density_m2_s3);
         let places = self.places.iter_mut().map(|place| &mut place.agent);
         for agent in places.chain([&mut self.prior]) {
             let mut next = predict_agent(&agent.covariance, dt, acceleration, T::ONE);
@@ -286,7 +288,8 @@ impl<T: Real> Acquisition<T> {
             let Some(measurement) = next else { return };
             after = measurement.range_m;
             let slant = after - sweep.bias_m;
-            let radius_m = sqrt(larger(square(slant) - square(sweep.direct.height_m[0]), T::of(LEAST_RADIUS2)));
+            let radius_m =
+                sqrt(larger(square(slant) - square(sweep.direct.height_m[0]), T::of(LEAST_RADIUS2)));
             let of_height = height_variance_m2(sweep.direct.height_m, slant);
             let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2 + of_height;
             // Order: each direction is the one before, turned once more.

@@ -454,12 +454,12 @@ impl<T: Real> Controller<T> {
         for &c in &self.allowed {
             self.values[c] -= standard;
         }
-        let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration);
+        let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration_per_s);
         let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
         if !outcome.lost {
             self.turn_cycles = 0;
         }
-        let patience = settings.choice.patience_cycles;
+        let patience = settings.choice.patience_s as u32;
         let counts = outcome.heard || self.sought_with.is_some();
         if outcome.lost && counts && patience > 0 {
             self.turn_cycles += 1;

@@ -540,7 +540,7 @@ impl<T: Real> Reference<T> {
         let motion = self.evidence_nat(scans, heights);
         let predicted = self.filter.agent_covariance();
         let acceleration_std_m_s2 =
-            T::of(ACCELERATION_FACTOR) * T::of(self.config.motion.acceleration_std_m_s2);
+            T::of(ACCELERATION_FACTOR) * T::of(self.config.motion.acceleration_density_m2_s3);
         self.filter.disturb(acceleration_std_m_s2, elapsed_s);
         if !is_manoeuvre(motion, self.evidence_nat(scans, heights)) {
             self.filter.undisturb(&predicted);
@@ -570,7 +570,7 @@ impl<T: Real> Reference<T> {
                 let source = Source::Virtual { anchor: scan.anchor, slot };
                 let regression = self.filter.regress(source, &sight);
                 let detection = self.detection(source, &scan, Some(regression.range_m));
-                let survival = T::of(settings.survival_probability);
+                let survival = T::of(settings.disappearance_per_s);
                 regressions.push(regression);
                 existences.push(EnvironmentMemory::expected_existence(&record, survival, detection));
                 detections.push(detection);
@@ -1020,7 +1020,7 @@ impl<T: Real> Reference<T> {
             velocity_m_s: self.filter.velocity_m_s(),
             covariance: posterior.clone(),
             elapsed_s,
-            acceleration_std_m_s2: T::of(self.config.motion.acceleration_std_m_s2),
+            acceleration_std_m_s2: T::of(self.config.motion.acceleration_density_m2_s3),
             variance_inflation: T::of(self.config.ranging.variance_inflation),
             range_floor_m: T::of(self.config.ranging.floor_m),
             radio: self.config.radio,

@@ -328,9 +328,9 @@ impl<T: Real> StateFilter<T> {
         for axis in 0..2 {
             self.mean[axis] = self.mean[axis] + dt * self.mean[2 + axis];
         }
-        let acceleration = T::of(self.motion.acceleration_std_m_s2);
+        let acceleration = T::of(self.motion.acceleration_density_m2_s3);
         let agent = predict_agent(&self.agent_covariance(), dt, acceleration, growth);
-        let walk = square(T::of(self.motion.virtual_anchor_walk_m));
+        let walk = square(T::of(self.motion.virtual_anchor_walk_m_sqrt_s));
         for i in self.active() {
             if i < AGENT {
                 self.covariance[i][..AGENT].copy_from_slice(&agent[i]);

@@ -399,7 +399,11 @@ impl Extent {
 fn tag(seed: u64) -> Tag {
     let mut draws = Draws::new(seed, Aspect::Tag);
     let pattern = draws.weighted(&[(Pattern::Isotropic, 1.0), (Pattern::Dipole, 1.0)]);
-    Tag { height_m: draws.length_m(0.9, 1.5), height_std_m: 0.0, antenna: Antenna { pattern, ..Antenna::default() } }
+    Tag {
+        height_m: draws.length_m(0.9, 1.5),
+        height_std_m: 0.0,
+        antenna: Antenna { pattern, ..Antenna::default() },
+    }
 }
 
 /// Numbers of anchors: half of the rooms have at most two.

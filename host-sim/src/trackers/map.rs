@@ -130,7 +130,7 @@ impl Map {
             biased,
             images,
             prior,
-            acceleration_density: acceleration_density(setup, cycles),
+            acceleration_density: f64::from(setup.config.motion.acceleration_density_m2_s3),
         }
     }
 
@@ -239,20 +239,6 @@ pub(crate) enum Wanted {
     Told,
     /// Nothing: it is where it truly is, with this deviation.
     Unknown { std_m: f64 },
-}
-
-/// Density of the tag's white acceleration: over a usual cycle the velocity's variance grows as in the core, which
-/// takes the acceleration for constant within a cycle.
-fn acceleration_density(setup: &Setup, cycles: &[CycleScans]) -> f64 {
-    let std_m_s2 = f64::from(setup.config.motion.acceleration_std_m_s2);
-    std_m_s2 * std_m_s2 * usual_period_s(cycles)
-}
-
-/// Median time from cycle to cycle, seconds; the first has no cycle before it.
-pub(crate) fn usual_period_s(cycles: &[CycleScans]) -> f64 {
-    let mut periods: Vec<f64> = cycles.iter().skip(1).map(|cycle| cycle.elapsed_s).collect();
-    periods.sort_by(f64::total_cmp);
-    periods.get(periods.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// A wall becomes a mirror, and its errors two more states.

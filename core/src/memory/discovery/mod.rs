@@ -16,7 +16,7 @@ mod hypothesis;
 use self::candidate::Candidate;
 use self::common_motion::{Correction, Prediction};
 use crate::model::measurement::Measurement;
-use crate::model::motion::Agent;
+use crate::model::motion::{Agent, MotionStep};
 use crate::real::{abs, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
@@ -146,13 +146,13 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         self.candidates.iter_mut().for_each(Vec::clear);
     }
 
-    /// The state filter has predicted the agent `elapsed_s` seconds ahead.
-    pub fn predict(&mut self, before: &Agent, after: &Agent, elapsed_s: f32) {
+    /// The state filter has predicted the agent by a step of the motion.
+    pub fn predict(&mut self, before: &Agent, after: &Agent, step: &MotionStep) {
         if after.covariance.m11 + after.covariance.m22 > LOST_M2 {
             self.clear();
             return;
         }
-        let step = Prediction::new(before, after, elapsed_s);
+        let step = Prediction::new(before, after, step.drift_s);
         self.candidates.iter_mut().flatten().for_each(|candidate| candidate.predict(&step));
     }
 
@@ -272,18 +272,21 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::motion::ProcessNoise;
     use nalgebra::{Matrix4, Vector4};
 
     fn walk(points: impl Iterator<Item = [f32; 2]>, truth: [f32; 2]) -> Option<Discovered> {
         let mut discovery = Discovery::<1>::default();
         let mut noise = 0.013;
+        let still = ProcessNoise { position_m2: 0.0, cross_m2_s: 0.0, velocity_m2_s2: 0.0 };
+        let step = MotionStep { drift_s: 1.0, decay: 1.0, noise: still };
         for [x, y] in points {
             // The tag's error is fresh in every scan.
             let covariance = Matrix4::from_diagonal(&Vector4::new(1e-4, 1e-4, 1e-4, 1e-4));
             let agent = Agent { mean: Vector4::new(x, y, 0.0, 0.0), covariance };
             let mut forgotten = agent;
             forgotten.covariance *= 2.0;
-            discovery.predict(&agent, &forgotten, 1.0);
+            discovery.predict(&agent, &forgotten, &step);
             discovery.follow(&forgotten, &agent);
             let viewpoint = Viewpoint {
                 agent,

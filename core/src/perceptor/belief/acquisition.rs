@@ -17,7 +17,7 @@
 //! proposes places, and none is settled on.
 
 use crate::model::measurement::{Measurement, is_earlier};
-use crate::model::motion::{Agent, Motion, predicted};
+use crate::model::motion::{Agent, MotionStep};
 use crate::model::range::{DistanceRegression, height_variance_m2, regress_distance};
 use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::real::{TAU, exp, larger, ln, smaller, sqrt};
@@ -112,6 +112,8 @@ pub struct Acquisition<const ANCHORS: usize> {
     newcomer_ln: f32,
     /// The shortest ranges of each anchor's last scan, metres; 0 for none.
     earlier_m: [[[f32; EARLIER]; SCANS]; ANCHORS],
+    /// How long ago these scans were, seconds.
+    earlier_age_s: [[f32; SCANS]; ANCHORS],
 }
 
 impl<const ANCHORS: usize> Acquisition<ANCHORS> {
@@ -125,6 +127,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             scans: 0,
             newcomer_ln: 0.0,
             earlier_m: [[[0.0; EARLIER]; SCANS]; ANCHORS],
+            earlier_age_s: [[0.0; SCANS]; ANCHORS],
         }
     }
 
@@ -135,20 +138,21 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
 
     /// Moves all places `elapsed_s` seconds ahead. Where nothing would be known of a place any more, the tag is within reach
     /// of it all the same, but what its velocity was tells nothing.
-    pub fn predict(&mut self, motion: &Motion, elapsed_s: f32) {
-        let limit = motion.position_std_limit_m * motion.position_std_limit_m;
+    pub fn predict(&mut self, step: &MotionStep, position_std_limit_m: f32, elapsed_s: f32) {
+        let limit = position_std_limit_m * position_std_limit_m;
+        self.earlier_age_s.iter_mut().flatten().for_each(|age_s| *age_s += elapsed_s);
         for agent in
             self.places.iter_mut().map(|place| &mut place.agent).chain(core::iter::once(&mut self.prior))
         {
             let v = agent.mean;
-            let c = predicted(&agent.covariance, elapsed_s, motion.acceleration_std_m_s2);
+            let c = step.predicted(&agent.covariance);
             if larger(c.m11, c.m22) > limit {
                 let (x, y) = (smaller(c.m11, limit), smaller(c.m22, limit));
                 agent.mean = Vector4::new(v.x, v.y, 0.0, 0.0);
                 agent.covariance =
                     Matrix4::from_diagonal(&Vector4::new(x, y, self.speed_m2_s2, self.speed_m2_s2));
             } else {
-                agent.mean = Vector4::new(v.x + elapsed_s * v.z, v.y + elapsed_s * v.w, v.z, v.w);
+                step.carry_mean(&mut agent.mean);
                 agent.covariance = c;
             }
         }
@@ -163,16 +167,15 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         measurements: &Vec<Measurement, PATHS>,
         all_per_m: f32,
         unmapped: f32,
-        elapsed_s: f32,
     ) -> [f32; PATHS] {
         let c = &self.prior.covariance;
-        let moved_m2 = (elapsed_s * elapsed_s) * (c.m33 + c.m44);
+        let velocity_m2_s2 = c.m33 + c.m44;
         let mut backgrounds = [all_per_m; PATHS];
         for (background, measurement) in backgrounds.iter_mut().zip(measurements) {
             let mut most = 0.0;
-            let mut variance = 2.0 * measurement.variance_m2;
-            for scan in self.earlier_m.get(anchor).into_iter().flatten() {
-                variance += moved_m2;
+            let ages_s = self.earlier_age_s.get(anchor).into_iter().flatten();
+            for (scan, age_s) in self.earlier_m.get(anchor).into_iter().flatten().zip(ages_s) {
+                let variance = 2.0 * measurement.variance_m2 + (age_s * age_s) * velocity_m2_s2;
                 let mut density = 0.0;
                 for earlier_m in scan {
                     let apart = measurement.range_m - earlier_m;
@@ -193,6 +196,9 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         let Some(earlier_m) = self.earlier_m.get_mut(anchor) else { return };
         let [last, before] = earlier_m;
         *before = *last;
+        if let Some([last_s, before_s]) = self.earlier_age_s.get_mut(anchor) {
+            *before_s = core::mem::replace(last_s, 0.0);
+        }
         let mut after = 0.0;
         for range_m in last {
             let mut next = f32::INFINITY;
@@ -427,6 +433,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         }
         self.places.iter().for_each(|place| f(place.weight_ln));
         self.earlier_m.iter().flatten().flatten().for_each(|range_m| f(*range_m));
+        self.earlier_age_s.iter().flatten().for_each(|age_s| f(*age_s));
     }
 }
 
@@ -705,12 +712,18 @@ fn symmetric(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::motion::Motion;
     use crate::perceptor::state_filter::StateFilter;
 
     const ANCHORS: [[f32; 2]; 3] = [[0.0, 0.0], [12.0, 1.0], [3.0, 9.0]];
 
     fn motion() -> Motion {
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 1e4 }
+        Motion {
+            acceleration_density_m2_s3: 1e-3,
+            velocity_decay_s: f32::INFINITY,
+            virtual_anchor_walk_m_sqrt_s: 3e-4,
+            position_std_limit_m: 1e4,
+        }
     }
 
     /// An acquisition from a prior of `std_m` at the origin, after `scans` scans of exact ranges of `deviation_m` to a tag
@@ -729,7 +742,7 @@ mod tests {
             }]
         });
         for _ in 0..scans {
-            acquisition.predict(&motion(), 0.1);
+            acquisition.predict(&motion().step(0.1), 1e4, 0.1);
             let sweeps = ranges.iter().enumerate().map(|(anchor, measurements)| {
                 let sweep = Sweep {
                     measurements,

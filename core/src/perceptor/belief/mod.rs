@@ -10,7 +10,7 @@ pub mod manoeuvre;
 
 use self::acquisition::{Acquisition, Landmark, Sweep};
 use self::loss::LossMonitor;
-use crate::model::motion::{Agent, Motion};
+use crate::model::motion::{Agent, Motion, MotionStep};
 use crate::real::smaller;
 use nalgebra::{Matrix4, Vector4};
 
@@ -47,12 +47,12 @@ impl<const ANCHORS: usize> Belief<ANCHORS> {
         self.loss.is_doubtful()
     }
 
-    /// Moves ahead from the `last` estimate to the one `predicted`, `elapsed_s` later. After a gap too long for one Gaussian
+    /// Moves ahead by a step, from the `last` estimate to the one `predicted`, `elapsed_s` later. After a gap too long for one Gaussian
     /// the tag is somewhere between where it was and where its velocity would have brought it, and what its velocity was then
     /// says little of now.
-    pub fn predict(&mut self, last: &Agent, predicted: &Agent, elapsed_s: f32) {
+    pub fn predict(&mut self, step: &MotionStep, last: &Agent, predicted: &Agent, elapsed_s: f32) {
         if let Some(acquisition) = &mut self.acquisition {
-            acquisition.predict(&self.motion, elapsed_s);
+            acquisition.predict(step, self.motion.position_std_limit_m, elapsed_s);
             return;
         }
         let Agent { mean: from, .. } = last;

@@ -256,7 +256,7 @@ impl Task {
                 estimate_m = step.report.position_m.map(f64::from);
                 // The start is that of the first cycle, as for the tracker.
                 let elapsed_s = if errors_m.is_empty() { 1e-3 } else { self.period_s };
-                bound.predict(elapsed_s, f64::from(config.motion.acceleration_std_m_s2));
+                bound.predict(elapsed_s, f64::from(config.motion.acceleration_density_m2_s3));
                 bound.update(cycle_information(channel, cycle, action));
                 entropies_nat.push(bound.position_entropy_nat());
                 errors_m.push(distance_m(pose.position_m, estimate_m));

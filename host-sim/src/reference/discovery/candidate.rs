@@ -69,8 +69,8 @@ impl<T: Real> Candidate<T> {
                 ux * tag_covariance[0][0] + uy * tag_covariance[1][0],
                 ux * tag_covariance[0][1] + uy * tag_covariance[1][1],
             ];
-            let radius_variance =
-                (measurement.variance_m2 + of_height) * square(stretch) + (ux * with_tag[0] + uy * with_tag[1]);
+            let radius_variance = (measurement.variance_m2 + of_height) * square(stretch)
+                + (ux * with_tag[0] + uy * with_tag[1]);
             hypotheses.push(Hypothesis {
                 direction,
                 radius_m,
