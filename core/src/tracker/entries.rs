@@ -118,11 +118,12 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
         }
         observer.stage(Stage::Estimate);
-        self.start_cycle(begun);
+        self.begin(elapsed_s, tag_height)?;
         // By anchor, as the estimates are shown to the observer.
         for anchor in 0..self.anchors.len() {
             for observation in observations.iter().filter(|observation| observation.anchor() == anchor) {
-                self.take(observation, observer);
+                let link = self.link(observation);
+                self.receiver.receive(&mut self.scans, observation, &link, &self.library, observer);
             }
         }
         self.finish_observed(observer)
@@ -134,8 +135,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     /// # Errors
     /// Bad input, or [`Error::AlreadyBegun`]; nothing has changed then.
     pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
-        let begun = self.check_begin(elapsed_s, tag_height)?;
-        self.start_cycle(begun);
+        self.begun = Some(self.check_begin(elapsed_s, tag_height)?);
+        self.receiver.advance(elapsed_s);
+        self.scans.clear();
         Ok(())
     }
 
@@ -159,7 +161,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ) -> Result<(), Error> {
         let begun = self.begun.as_mut().ok_or(Error::NotBegun)?;
         self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
-        self.take(observation, observer);
+        let link = self.link(observation);
+        self.receiver.receive(&mut self.scans, observation, &link, &self.library, observer);
         Ok(())
     }
 
@@ -177,26 +180,19 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default() })
     }
 
-    fn start_cycle(&mut self, begun: Begun<ANCHORS>) {
-        self.receiver.advance(begun.elapsed_s);
-        self.scans.clear();
-        self.begun = Some(begun);
-    }
-
-    fn take(&mut self, observation: &Observation<'_>, observer: &mut impl Observer<VAS, PATHS>) {
-        let anchor = observation.anchor();
-        let controller = self.controllers.of(anchor);
-        let frame_action = match observation {
+    /// What the receiver is told of the link to an observation's anchor.
+    fn link(&self, observation: &Observation<'_>) -> LinkView {
+        let controller = self.controllers.of(observation.anchor());
+        let action = match observation {
             Observation::Frame(frame) => frame.action,
             Observation::Ranges(_) => 0,
         };
-        let link = LinkView {
+        LinkView {
             expected: controller.map_or(0, Controller::action_index),
             held: controller.map_or(0, Controller::held),
             sought_with: controller.and_then(Controller::sought_with),
             is_lost: self.belief.is_acquiring(),
-            loss_ln: self.channel.loss_ln(frame_action),
-        };
-        self.receiver.receive(&mut self.scans, observation, &link, &self.library, observer);
+            loss_ln: self.channel.loss_ln(action),
+        }
     }
 }
