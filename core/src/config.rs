@@ -1,123 +1,18 @@
 //! Configuration: plain data, every field with its unit, its range and what more or less of it does.
 
+pub use crate::controller::ControllerSettings;
 use crate::controller::planning::LONGEST_HORIZON;
 use crate::controller::policy::Choice;
 use crate::controller::reward::Reward;
 use crate::controller::value::Learning;
 use crate::error::{Error, Setting};
+pub use crate::model::measurement::Ranging;
 use crate::model::motion::Motion;
+pub use crate::model::motion::Start;
+pub use crate::perceptor::association::AssociationSettings;
 use crate::perceptor::association::Mode;
-use crate::radio::library::Action;
-use crate::radio::pulse::{Pulse, PulseShape};
-
-/// Where the tag is believed to be before the first cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Start {
-    /// Position, metres (within 10 km of the origin).
-    pub position_m: [f32; 2],
-    /// Its standard deviation per axis, metres (1e-3 to 1e3).
-    pub position_std_m: f32,
-    /// Standard deviation of the velocity per axis around zero, m/s (1e-3 to 1e3).
-    pub velocity_std_m_s: f32,
-}
-
-/// What a range is worth.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Ranging {
-    /// Factor on every measurement variance (1 to 100). Above 1, the filter forgives errors that the bound does
-    /// not know of; 2.25 is common.
-    pub variance_inflation: f32,
-    /// Standard deviation that no range goes below, metres (1e-3 to 10): calibration, wall delays.
-    pub floor_m: f32,
-    /// Mean of the range bias expected of every anchor, metres (-10 to 10).
-    pub bias_mean_m: f32,
-    /// Its standard deviation, metres (0 to 10). Above 0, one bias per anchor is estimated.
-    pub bias_std_m: f32,
-    /// Ranges beyond this are refused, metres (1 to 1e4).
-    pub max_range_m: f32,
-}
-
-impl Ranging {
-    /// The variance the filter works with: inflated, and never below the floor.
-    pub(crate) fn measurement_variance_m2(&self, variance_m2: f32) -> f32 {
-        self.variance_inflation * variance_m2 + self.floor_m * self.floor_m
-    }
-}
-
-/// What association assumes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct AssociationSettings {
-    /// Soft or most probable.
-    pub mode: Mode,
-    /// Probability that an existing feature is detected (0.01 to 0.999).
-    pub detection_probability: f32,
-    /// Mean number of false alarms per anchor and cycle (1e-3 to 100), uniform up to the longest range.
-    pub clutter_per_anchor: f32,
-    /// Expected number of paths per anchor that come from virtual anchors not in the map, at the start (0 to 100);
-    /// adapted to what is seen.
-    pub unmapped_per_anchor: f32,
-    /// How often a virtual anchor ceases to exist, per second (0 to 10). Larger gives up walls sooner.
-    pub disappearance_per_s: f32,
-}
-
-/// What the radio's frames look like.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Radio {
-    /// Shape of the pulse: roll-off 0 to 1, or samples of its autocorrelation (1 at first, none beyond 1.001, the second
-    /// below the first, 1e-12 to 1e-8 s apart). Its duration is the action's.
-    pub pulse_shape: PulseShape,
-    /// Sample spacing, seconds (0.01 to 10 ns); at most 1 / (bandwidth), half the pulse duration is usual.
-    pub sample_spacing_s: f32,
-    /// Samples per frame (16 to 4096).
-    pub samples_per_frame: usize,
-    /// Full scale of the converter in the unit of the samples, if it has one: frames that reach it are refused.
-    pub full_scale: Option<f32>,
-    /// Whether the receiver scales every frame as it likes (automatic gain control): powers are then measured in the frame's
-    /// white noise ([`crate::perceptor::gain_control`]).
-    pub gain_control: bool,
-    /// False paths per frame in pure noise (1e-4 to 10). More finds weaker paths and more phantoms.
-    pub false_paths_per_frame: f32,
-}
-
-impl Radio {
-    /// The pulse of an action, as the receiver keeps it.
-    pub fn pulse(&self, action: &Action) -> Pulse {
-        Pulse { duration_s: action.pulse_duration_s, shape: self.pulse_shape }
-            .sampled_every(self.sample_spacing_s)
-    }
-}
-
-/// How the next action is found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ControllerSettings {
-    /// What is maximised.
-    pub reward: Reward,
-    /// Learning rate and discount.
-    pub learning: Learning,
-    /// Temperature, exploration, hysteresis, patience.
-    pub choice: Choice,
-    /// Actions planned per cycle (0: none, the radio then never leaves its action; as many as the library has, or more: all).
-    pub planned_actions: usize,
-    /// Planning horizon, cycles (1 to 16).
-    pub horizon: usize,
-    /// The action of the first cycle.
-    pub first_action: usize,
-    /// SINR (linear) assumed of a source never observed, with the library's first action (0.01 to 1e6).
-    pub prior_sinr: f32,
-    /// Whether what is heard with an action also tells of those whose spectra it overlaps.
-    pub neighbours: bool,
-    /// Whether every anchor gets an action of its own, for links that can be tuned apart; without, all share one. Anchors
-    /// whose pulses differ in duration cost an estimator built anew for each.
-    pub per_anchor: bool,
-    /// The action to go to after three lost frames. Where there is one, every choice is announced to the other end one
-    /// cycle before it is used; without, it is used at once.
-    pub rendezvous: Option<usize>,
-}
+pub use crate::radio::Radio;
+use crate::radio::pulse::PulseShape;
 
 /// The variants of multipath-assisted tracking that are told apart in publications (MINT: multipath-assisted indoor
 /// navigation and tracking), for comparison; [`Config::with_variant`] selects one.

@@ -24,7 +24,7 @@ use crate::model::anchor::Anchor;
 use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::Belief;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
@@ -40,7 +40,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     library: Library<ACTIONS>,
 
     receiver: Receiver<ANCHORS, PATHS>,
-    belief: Belief<ANCHORS>,
+    belief: TagBelief<ANCHORS>,
     filter: StateFilter<ANCHORS, VAS>,
     environment: EnvironmentMemory<VAS>,
     discovery: Discovery<ANCHORS>,

@@ -1,8 +1,7 @@
 //! The controllers of all anchors: one for each, or one for all.
 
 use super::planning::{Planner, PlanningState, Visible};
-use super::{Controller, Outcome};
-use crate::config::ControllerSettings;
+use super::{Controller, ControllerSettings, Outcome};
 use crate::error::{Error, Setting};
 use crate::model::channel::ChannelKnowledge;
 use crate::perceptor::scan::Scan;

@@ -14,15 +14,43 @@ mod all_anchors;
 
 pub use all_anchors::{Controllers, Decision};
 
-use crate::config::ControllerSettings;
 use crate::model::channel::ChannelKnowledge;
 use crate::radio::library::Allowed;
 use crate::radio::link::Hop;
 use planning::{Ahead, Horizon, Planner, Visible};
-use policy::{LEAST_TURN_CYCLES, draw_other, explore, planned_set, policy, settle};
+use policy::{Choice, LEAST_TURN_CYCLES, draw_other, explore, planned_set, policy, settle};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
-use value::ActionValues;
+use reward::Reward;
+use value::{ActionValues, Learning};
+
+/// How the next action is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ControllerSettings {
+    /// What is maximised.
+    pub reward: Reward,
+    /// Learning rate and discount.
+    pub learning: Learning,
+    /// Temperature, exploration, hysteresis, patience.
+    pub choice: Choice,
+    /// Actions planned per cycle (0: none, the radio then never leaves its action; as many as the library has, or more: all).
+    pub planned_actions: usize,
+    /// Planning horizon, cycles (1 to 16).
+    pub horizon: usize,
+    /// The action of the first cycle.
+    pub first_action: usize,
+    /// SINR (linear) assumed of a source never observed, with the library's first action (0.01 to 1e6).
+    pub prior_sinr: f32,
+    /// Whether what is heard with an action also tells of those whose spectra it overlaps.
+    pub neighbours: bool,
+    /// Whether every anchor gets an action of its own, for links that can be tuned apart; without, all share one. Anchors
+    /// whose pulses differ in duration cost an estimator built anew for each.
+    pub per_anchor: bool,
+    /// The action to go to after three lost frames. Where there is one, every choice is announced to the other end one
+    /// cycle before it is used; without, it is used at once.
+    pub rendezvous: Option<usize>,
+}
 
 /// What has become of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]

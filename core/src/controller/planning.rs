@@ -9,12 +9,12 @@
 //! Where every anchor has an action of its own, one anchor's is planned at a time, and the others' paths are given.
 
 use super::reward::{Reward, reward};
-use crate::config::Radio;
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::model::channel::ChannelKnowledge;
 use crate::model::detection::missed_odds;
 use crate::model::motion::{Motion, MotionStep};
 use crate::model::source::Source;
+use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::real::{exp, larger, sqrt};
 use heapless::Vec;

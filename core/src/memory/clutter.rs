@@ -1,8 +1,9 @@
 //! Clutter memory: how many measurements of each anchor belong to nothing known.
 
-use crate::config::{AssociationSettings, Ranging};
 use crate::model::clock::gain;
 use crate::model::measurement::Clutter;
+use crate::model::measurement::Ranging;
+use crate::perceptor::association::AssociationSettings;
 use crate::real::larger;
 
 /// How fast the number changes, as the variance of its walk per second over that of one count.

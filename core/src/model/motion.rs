@@ -30,6 +30,18 @@ pub struct Motion {
     pub position_std_limit_m: f32,
 }
 
+/// Where the tag is believed to be before the first cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Start {
+    /// Position, metres (within 10 km of the origin).
+    pub position_m: [f32; 2],
+    /// Its standard deviation per axis, metres (1e-3 to 1e3).
+    pub position_std_m: f32,
+    /// Standard deviation of the velocity per axis around zero, m/s (1e-3 to 1e3).
+    pub velocity_std_m_s: f32,
+}
+
 /// The tag alone: mean and covariance of x = [p, v].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agent {

@@ -1,13 +1,13 @@
 //! Receiver: bad input is refused, frames become paths, and paths and ranges become one scan per anchor.
 
-use super::channel_estimator::ChannelEstimator;
+use super::channel_estimator::{ChannelEstimate, ChannelEstimator};
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
-use crate::config::{Radio, Ranging};
 use crate::error::Error;
 use crate::model::measurement::Measurement;
+use crate::model::measurement::Ranging;
 use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
-use crate::observer::Observer;
+use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, smaller};
@@ -124,14 +124,14 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         Ok(())
     }
 
-    /// Takes an observation in that [`Self::check`] has passed.
-    pub fn receive<const VAS: usize, const ACTIONS: usize>(
+    /// Takes an observation in that [`Self::check`] has passed; `seen` is shown what was estimated of a frame.
+    pub fn receive<const ACTIONS: usize>(
         &mut self,
         scans: &mut Scans<ANCHORS, PATHS>,
         observation: &Observation<'_>,
         link: &LinkView,
         library: &Library<ACTIONS>,
-        observer: &mut impl Observer<VAS, PATHS>,
+        seen: impl FnOnce(&ChannelEstimate<PATHS>),
     ) {
         let anchor = observation.anchor();
         let place = scans.iter().position(|scan| scan.anchor >= anchor).unwrap_or(scans.len());
@@ -143,7 +143,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         let Some(scan) = scans.get_mut(place) else { return };
         match observation {
             Observation::Ranges(ranges) => self.take_ranges(ranges, scan),
-            Observation::Frame(frame) => self.take_frame(frame, scan, link, library, observer),
+            Observation::Frame(frame) => self.take_frame(frame, scan, link, library, seen),
         }
     }
 
@@ -160,13 +160,13 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
 
     // Stages are kept apart so that each reuses the stack of the one before.
     #[inline(never)]
-    fn take_frame<const VAS: usize, const ACTIONS: usize>(
+    fn take_frame<const ACTIONS: usize>(
         &mut self,
         frame: &Frame<'_>,
         scan: &mut Scan<PATHS>,
         link: &LinkView,
         library: &Library<ACTIONS>,
-        observer: &mut impl Observer<VAS, PATHS>,
+        seen: impl FnOnce(&ChannelEstimate<PATHS>),
     ) {
         let Some(action) = library.get(frame.action) else { return };
         let pulse = self.radio.pulse(action);
@@ -175,7 +175,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             self.estimator_pulse = pulse;
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
-        observer.estimate(frame.anchor, &estimate);
+        seen(&estimate);
         let elapsed_s =
             self.silent_s.get_mut(frame.anchor).map_or(0.0, |[_, frame_s]| core::mem::take(frame_s));
         let unit = self.unit(frame, estimate.noise.white, link, elapsed_s);

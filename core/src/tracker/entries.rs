@@ -11,7 +11,7 @@ use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::{Anchor, MappedVirtualAnchor};
 use crate::model::observation::{Observation, TagHeight};
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::Belief;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
@@ -71,7 +71,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         Ok(Self {
             receiver: Receiver::new(config.radio, ranging, config.radio.pulse(first)),
-            belief: Belief::new(config.motion, start_speed_m_s, filter.agent()),
+            belief: TagBelief::new(config.motion, start_speed_m_s, filter.agent()),
             filter,
             environment,
             discovery: Discovery::default(),
@@ -123,7 +123,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         for anchor in 0..self.anchors.len() {
             for observation in observations.iter().filter(|observation| observation.anchor() == anchor) {
                 let link = self.link(observation);
-                self.receiver.receive(&mut self.scans, observation, &link, &self.library, observer);
+                self.receiver.receive(&mut self.scans, observation, &link, &self.library, |estimate| {
+                    observer.estimate(observation.anchor(), estimate);
+                });
             }
         }
         self.finish_observed(observer)
@@ -162,7 +164,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let begun = self.begun.as_mut().ok_or(Error::NotBegun)?;
         self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
         let link = self.link(observation);
-        self.receiver.receive(&mut self.scans, observation, &link, &self.library, observer);
+        self.receiver.receive(&mut self.scans, observation, &link, &self.library, |estimate| {
+            observer.estimate(observation.anchor(), estimate);
+        });
         Ok(())
     }
 

@@ -10,7 +10,7 @@ use crate::model::motion::{Agent, ProcessNoise};
 use crate::observer::Observer;
 use crate::perceptor::association::evidence::evidence_nat;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
-use crate::perceptor::belief::Belief;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::belief::acquisition::{Landmark, Sweep};
 use crate::perceptor::belief::manoeuvre::{Suspicion, is_manoeuvre};
 use crate::perceptor::expectation::Expectations;
@@ -61,7 +61,7 @@ impl Heard {
 /// While it is not known where the tag is: weighs the places it may be at. Returns where it is taken to be now.
 #[inline(never)]
 pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
-    belief: &mut Belief<ANCHORS>,
+    belief: &mut TagBelief<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     known: &Known<'_, ANCHORS, VAS, ACTIONS>,
     scans: &Scans<ANCHORS, PATHS>,
@@ -221,7 +221,7 @@ pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usiz
     clutter: &mut ClutterMemory<ANCHORS>,
     receiver: &mut Receiver<ANCHORS, PATHS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    belief: &Belief<ANCHORS>,
+    belief: &TagBelief<ANCHORS>,
     controllers: &Controllers<ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, VAS, PATHS>,
 ) {

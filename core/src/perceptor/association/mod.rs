@@ -41,6 +41,23 @@ pub enum Mode {
     Map,
 }
 
+/// What association assumes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct AssociationSettings {
+    /// Soft or most probable.
+    pub mode: Mode,
+    /// Probability that an existing feature is detected (0.01 to 0.999).
+    pub detection_probability: f32,
+    /// Mean number of false alarms per anchor and cycle (1e-3 to 100), uniform up to the longest range.
+    pub clutter_per_anchor: f32,
+    /// Expected number of paths per anchor that come from virtual anchors not in the map, at the start (0 to 100);
+    /// adapted to what is seen.
+    pub unmapped_per_anchor: f32,
+    /// How often a virtual anchor ceases to exist, per second (0 to 10). Larger gives up walls sooner.
+    pub disappearance_per_s: f32,
+}
+
 /// What the most probable joint association of its cluster gives a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

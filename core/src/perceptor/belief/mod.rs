@@ -1,7 +1,7 @@
 //! Where the tag is, in the large: searched for, lost, or off on a manoeuvre.
 
 //!
-//! [`Belief`] holds whether it is known where the tag is. While it is not, [`acquisition`] weighs the places it may be at;
+//! [`TagBelief`] holds whether it is known where the tag is. While it is not, [`acquisition`] weighs the places it may be at;
 //! while it is, [`loss`] notices when the tag is elsewhere. [`manoeuvre`] says when the tag turns.
 
 pub mod acquisition;
@@ -16,7 +16,7 @@ use nalgebra::{Matrix4, Vector4};
 
 /// Whether it is known where the tag is, and if not, where it may be.
 #[derive(Clone, Debug)]
-pub struct Belief<const ANCHORS: usize> {
+pub struct TagBelief<const ANCHORS: usize> {
     motion: Motion,
     /// Standard deviation of a velocity that nothing is known of, m/s.
     speed_m_s: f32,
@@ -24,7 +24,7 @@ pub struct Belief<const ANCHORS: usize> {
     loss: LossMonitor,
 }
 
-impl<const ANCHORS: usize> Belief<ANCHORS> {
+impl<const ANCHORS: usize> TagBelief<ANCHORS> {
     /// The tag is somewhere around the prior. `speed_m_s` is the standard deviation per axis of a velocity that nothing is
     /// known of.
     pub fn new(motion: Motion, speed_m_s: f32, prior: Agent) -> Self {
