@@ -224,7 +224,7 @@ fn handed(sources: &[Source], from: &Block, to: &Block) -> BTreeSet<String> {
         .collect()
 }
 
-const CELL_W: f64 = 104.0;
+const CELL_W: f64 = 116.0;
 const CELL_H: f64 = 46.0;
 
 /// The picture, as SVG.
@@ -234,7 +234,7 @@ pub fn draw(sources: &[Source]) -> String {
     let count = blocks.len() as f64;
     let (width, height) = (CELL_W * count + 40.0, CELL_H * count + 110.0);
     let mut svg = String::new();
-    let mut text = |svg: &mut String, x: f64, y: f64, size: f64, weight: &str, content: &str| {
+    let text = |svg: &mut String, x: f64, y: f64, size: f64, weight: &str, content: &str| {
         let _ = writeln!(
             svg,
             r##"<text x="{x}" y="{y}" font-size="{size}" font-weight="{weight}" text-anchor="middle" fill="#1c2733">{content}</text>"##
