@@ -5,8 +5,11 @@ use crate::controller::policy::Choice;
 use crate::controller::reward::Reward;
 use crate::controller::value::Learning;
 use crate::error::{Error, Setting};
+use crate::memory::discovery::DiscoverySettings;
 use crate::model::motion::Motion;
 use crate::perceptor::association::Mode;
+use crate::perceptor::belief::acquisition::AcquisitionSettings;
+use crate::perceptor::channel_estimator::EstimatorSettings;
 use crate::radio::library::Action;
 use crate::radio::pulse::{Pulse, PulseShape};
 
@@ -81,6 +84,8 @@ pub struct Radio {
     pub gain_control: bool,
     /// False paths per frame in pure noise (1e-4 to 10). More finds weaker paths and more phantoms.
     pub false_paths_per_frame: f32,
+    /// What is a path, and what dense multipath.
+    pub estimator: EstimatorSettings,
 }
 
 impl Radio {
@@ -163,8 +168,12 @@ pub struct Config {
     pub ranging: Ranging,
     /// What association assumes.
     pub association: AssociationSettings,
+    /// When it is known where the tag is.
+    pub acquisition: AcquisitionSettings,
     /// Whether unknown virtual anchors are looked for.
     pub discovery: bool,
+    /// How much it takes to find one.
+    pub discovery_settings: DiscoverySettings,
     /// Whether every virtual anchor of the map is exactly where it is told to be: the deviations told then count as 0,
     /// and the virtual anchors are held fixed.
     pub exact_map: bool,
@@ -198,7 +207,9 @@ impl Default for Config {
                 unmapped_per_anchor: 5.0,
                 survival_probability: 0.999,
             },
+            acquisition: AcquisitionSettings::default(),
             discovery: true,
+            discovery_settings: DiscoverySettings::default(),
             exact_map: false,
             radio: Radio {
                 pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
@@ -207,6 +218,7 @@ impl Default for Config {
                 full_scale: None,
                 gain_control: false,
                 false_paths_per_frame: 0.1,
+                estimator: EstimatorSettings::default(),
             },
             controller: ControllerSettings {
                 reward: Reward::InformationGain,
@@ -251,8 +263,18 @@ impl Config {
             // Written so that NaN fails.
             if value >= low && value <= high { Ok(()) } else { Err(Error::Configuration(setting)) }
         };
-        let Config { motion, start, ranging, association, discovery: _, exact_map: _, radio, controller } =
-            self;
+        let Config {
+            motion,
+            start,
+            ranging,
+            association,
+            acquisition,
+            discovery: _,
+            discovery_settings,
+            exact_map: _,
+            radio,
+            controller,
+        } = self;
         within(motion.acceleration_std_m_s2, 1e-6, 100.0, Setting::AccelerationStd)?;
         within(motion.virtual_anchor_walk_m, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
         within(motion.position_std_limit_m, 1.0, 1e4, Setting::PositionLimit)?;
@@ -270,6 +292,18 @@ impl Config {
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
         within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
         within(association.survival_probability, 0.5, 1.0, Setting::SurvivalProbability)?;
+        let AcquisitionSettings { newcomer_weight, settled_weight, settled_cycles, settled_within_m } =
+            *acquisition;
+        within(newcomer_weight, 1e-8, 0.1, Setting::NewcomerWeight)?;
+        within(settled_weight, 0.5, 0.999_999_9, Setting::SettledWeight)?;
+        within(f32::from(settled_cycles), 1.0, 1000.0, Setting::SettledCycles)?;
+        within(settled_within_m, 0.01, 10.0, Setting::SettledWithin)?;
+        let DiscoverySettings { begin_below_m, resolved_hits, resolved_existence, resolved_weight } =
+            *discovery_settings;
+        within(begin_below_m, 1e-3, 1.0, Setting::DiscoveryBegin)?;
+        within(f32::from(resolved_hits), 2.0, 1000.0, Setting::DiscoveryHits)?;
+        within(resolved_existence, 0.5, 0.99, Setting::DiscoveryExistence)?;
+        within(resolved_weight, 0.5, 0.99999, Setting::DiscoveryWeight)?;
         match &radio.pulse_shape {
             PulseShape::RootRaisedCosine { roll_off } => within(*roll_off, 0.0, 1.0, Setting::RollOff)?,
             PulseShape::Sampled { step_s, autocorrelation } => {
@@ -288,6 +322,12 @@ impl Config {
             within(full_scale, 1e-12, 1e12, Setting::FullScale)?;
         }
         within(radio.false_paths_per_frame, 1e-4, 10.0, Setting::FalsePaths)?;
+        let EstimatorSettings { dense_decay_s, dense_decay_pulses, strong_sinr, merge_pulses } =
+            radio.estimator;
+        within(dense_decay_s, 0.99e-9, 1.01e-7, Setting::DenseDecay)?;
+        within(dense_decay_pulses, 2.0, 100.0, Setting::DenseDecay)?;
+        within(strong_sinr, 10.0, 1e6, Setting::StrongSinr)?;
+        within(merge_pulses, 0.05, 1.0, Setting::MergeDistance)?;
         within(controller.learning.rate, 0.0, 1.0, Setting::LearningRate)?;
         within(controller.learning.experience_rate, 0.0, 1.0, Setting::LearningRate)?;
         within(controller.learning.discount, 0.0, 1.0, Setting::Discount)?;

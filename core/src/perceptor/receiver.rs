@@ -236,5 +236,11 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
 }
 
 fn build_estimator<const PATHS: usize>(radio: &Radio, pulse: Pulse) -> ChannelEstimator<PATHS> {
-    ChannelEstimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame)
+    ChannelEstimator::new(
+        pulse,
+        radio.sample_spacing_s,
+        radio.samples_per_frame,
+        radio.false_paths_per_frame,
+        radio.estimator,
+    )
 }

@@ -72,10 +72,10 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         Ok(Self {
             receiver: Receiver::new(config.radio, ranging, config.radio.pulse(first)),
-            belief: Belief::new(config.motion, start_speed_m_s, filter.agent()),
+            belief: Belief::new(config.motion, start_speed_m_s, filter.agent(), config.acquisition),
             filter,
             environment,
-            discovery: Discovery::default(),
+            discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
             channel: ChannelMemory::new(config.controller.prior_sinr, config.controller.neighbours, &library),
             controllers: Controllers::new(config.controller, checked.len(), &library, seed),
