@@ -6,11 +6,14 @@ use crate::controller::policy::Choice;
 use crate::controller::reward::Reward;
 use crate::controller::value::Learning;
 use crate::error::{Error, Setting};
+use crate::memory::discovery::DiscoverySettings;
 pub use crate::model::measurement::Ranging;
 use crate::model::motion::Motion;
 pub use crate::model::motion::Start;
 pub use crate::perceptor::association::AssociationSettings;
 use crate::perceptor::association::Mode;
+use crate::perceptor::belief::acquisition::AcquisitionSettings;
+use crate::perceptor::channel_estimator::EstimatorSettings;
 pub use crate::radio::Radio;
 use crate::radio::pulse::PulseShape;
 
@@ -58,11 +61,17 @@ pub struct Config {
     pub ranging: Ranging,
     /// What association assumes.
     pub association: AssociationSettings,
+    /// When it is known where the tag is.
+    pub acquisition: AcquisitionSettings,
     /// Whether unknown virtual anchors are looked for.
     pub discovery: bool,
+    /// How much it takes to find one.
+    pub discovery_settings: DiscoverySettings,
     /// Whether every virtual anchor of the map is exactly where it is told to be: the deviations told then count as 0,
     /// and the virtual anchors are held fixed.
     pub exact_map: bool,
+    /// What is a path in a frame, and what dense multipath.
+    pub estimator: EstimatorSettings,
     /// What frames look like.
     pub radio: Radio,
     /// How the next action is found.
@@ -94,8 +103,11 @@ impl Default for Config {
                 unmapped_per_anchor: 5.0,
                 disappearance_per_s: 0.003,
             },
+            acquisition: AcquisitionSettings::default(),
             discovery: true,
+            discovery_settings: DiscoverySettings::default(),
             exact_map: false,
+            estimator: EstimatorSettings::default(),
             radio: Radio {
                 pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
                 sample_spacing_s: 0.25e-9,
@@ -147,8 +159,19 @@ impl Config {
             // Written so that NaN fails.
             if value >= low && value <= high { Ok(()) } else { Err(Error::Configuration(setting)) }
         };
-        let Config { motion, start, ranging, association, discovery: _, exact_map: _, radio, controller } =
-            self;
+        let Config {
+            motion,
+            start,
+            ranging,
+            association,
+            acquisition,
+            discovery: _,
+            discovery_settings,
+            exact_map: _,
+            estimator,
+            radio,
+            controller,
+        } = self;
         within(motion.acceleration_density_m2_s3, 1e-12, 1e4, Setting::AccelerationDensity)?;
         within(motion.velocity_decay_s, 0.1, f32::INFINITY, Setting::VelocityDecay)?;
         within(motion.virtual_anchor_walk_m_sqrt_s, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
@@ -167,6 +190,18 @@ impl Config {
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
         within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
         within(association.disappearance_per_s, 0.0, 10.0, Setting::Disappearance)?;
+        let AcquisitionSettings { newcomer_weight, settled_weight, settled_cycles, settled_within_m } =
+            *acquisition;
+        within(newcomer_weight, 1e-8, 0.1, Setting::NewcomerWeight)?;
+        within(settled_weight, 0.5, 0.999_999_9, Setting::SettledWeight)?;
+        within(f32::from(settled_cycles), 1.0, 1000.0, Setting::SettledCycles)?;
+        within(settled_within_m, 0.01, 10.0, Setting::SettledWithin)?;
+        let DiscoverySettings { begin_below_m, resolved_hits, resolved_existence, resolved_weight } =
+            *discovery_settings;
+        within(begin_below_m, 1e-3, 1.0, Setting::DiscoveryBegin)?;
+        within(f32::from(resolved_hits), 2.0, 1000.0, Setting::DiscoveryHits)?;
+        within(resolved_existence, 0.5, 0.99, Setting::DiscoveryExistence)?;
+        within(resolved_weight, 0.5, 0.99999, Setting::DiscoveryWeight)?;
         match &radio.pulse_shape {
             PulseShape::RootRaisedCosine { roll_off } => within(*roll_off, 0.0, 1.0, Setting::RollOff)?,
             PulseShape::Sampled { step_s, autocorrelation } => {
@@ -185,6 +220,11 @@ impl Config {
             within(full_scale, 1e-12, 1e12, Setting::FullScale)?;
         }
         within(radio.false_paths_per_frame, 1e-4, 10.0, Setting::FalsePaths)?;
+        let EstimatorSettings { dense_decay_s, dense_decay_pulses, strong_sinr, merge_pulses } = *estimator;
+        within(dense_decay_s, 0.99e-9, 1.01e-7, Setting::DenseDecay)?;
+        within(dense_decay_pulses, 2.0, 100.0, Setting::DenseDecay)?;
+        within(strong_sinr, 10.0, 1e6, Setting::StrongSinr)?;
+        within(merge_pulses, 0.05, 1.0, Setting::MergeDistance)?;
         within(controller.learning.rate, 0.0, 1.0, Setting::LearningRate)?;
         within(controller.learning.experience_rate, 0.0, 1.0, Setting::LearningRate)?;
         within(controller.learning.discount, 0.0, 1.0, Setting::Discount)?;

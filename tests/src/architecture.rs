@@ -161,7 +161,8 @@ fn collect(tree: &str, own: &[&str], before: &[&str], found: &mut BTreeSet<Strin
 /// What breaks the diagram: imports that go back, states named by others, functions that change the whole tracker.
 pub fn faults(sources: &[Source]) -> Vec<String> {
     let mut faults = Vec::new();
-    let is_whole = |path: &str| WHOLE.contains(&path) || path.ends_with("/mod") && path.matches('/').count() == 1;
+    let is_whole =
+        |path: &str| WHOLE.contains(&path) || path.ends_with("/mod") && path.matches('/').count() == 1;
     for source in sources {
         let module = source.path.trim_end_matches("/mod");
         let base = BASE.iter().position(|block| is_in(module, block));
@@ -248,7 +249,14 @@ pub fn draw(sources: &[Source]) -> String {
         width - 16.0,
         CELL_H * count + 44.0
     );
-    text(&mut svg, width / 2.0, 28.0, 13.0, "bold", "tracker: what a block hands to a later one stands right of the first, above the second");
+    text(
+        &mut svg,
+        width / 2.0,
+        28.0,
+        13.0,
+        "bold",
+        "tracker: what a block hands to a later one stands right of the first, above the second",
+    );
     for (row, from) in blocks.iter().enumerate() {
         let y = 40.0 + CELL_H * row as f64;
         let x = 20.0 + CELL_W * row as f64;
@@ -275,7 +283,8 @@ pub fn draw(sources: &[Source]) -> String {
             let shown = names.len().min(3);
             for (line, name) in names.iter().take(shown).enumerate() {
                 let more = names.len() - shown;
-                let name = if line + 1 == shown && more > 0 { format!("{name} + {more}") } else { name.clone() };
+                let name =
+                    if line + 1 == shown && more > 0 { format!("{name} + {more}") } else { name.clone() };
                 let offset = 11.0 * (line as f64 - 0.5 * (shown as f64 - 1.0));
                 text(&mut svg, cx, cy + 3.5 + offset, 9.0, "normal", &name);
             }
@@ -284,7 +293,10 @@ pub fn draw(sources: &[Source]) -> String {
     let y = CELL_H * count + 62.0;
     let wide = (width - 16.0) / 2.0;
     for (index, (name, what)) in [
-        ("model", "anchors, sources, observations, measurements, motion, range regression, soft update, clock"),
+        (
+            "model",
+            "anchors, sources, observations, measurements, motion, range regression, soft update, clock",
+        ),
         ("radio", "action library, pulse, link; real, error, trace"),
     ]
     .iter()

@@ -18,14 +18,21 @@ fn data_goes_through_the_blocks_one_way_and_no_block_names_the_state_of_another(
 fn the_picture_is_drawn_from_the_modules() {
     let drawn = draw(&sources(&root().join("core/src")).unwrap());
     let kept = std::fs::read_to_string(root().join("docs/architecture.svg")).unwrap();
-    assert!(drawn == kept, "run `cargo run --release --example architecture` and look at docs/architecture.svg");
+    assert!(
+        drawn == kept,
+        "run `cargo run --release --example architecture` and look at docs/architecture.svg"
+    );
 }
 
 #[test]
 fn every_block_has_a_paragraph() {
     let text = std::fs::read_to_string(root().join("docs/architecture.md")).unwrap();
     for block in BLOCKS {
-        assert!(text.contains(&format!("`{}`", block.path)), "docs/architecture.md says nothing of {}", block.path);
+        assert!(
+            text.contains(&format!("`{}`", block.path)),
+            "docs/architecture.md says nothing of {}",
+            block.path
+        );
     }
 }
 
@@ -38,7 +45,11 @@ fn a_planted_violation_is_found() {
         ("model/motion", "fn f(x: crate::perceptor::scan::Scan<4>) {}", "comes after it"),
         ("memory/channel/observe", "use crate::config::Config;", "comes after it"),
         ("radio/pulse", "use crate::model::source::Source;", "comes after it"),
-        ("controller/planning", "use crate::memory::channel::{self, ChannelMemory};", "names the state ChannelMemory"),
+        (
+            "controller/planning",
+            "use crate::memory::channel::{self, ChannelMemory};",
+            "names the state ChannelMemory",
+        ),
         ("memory/clutter", "fn f(filter: &StateFilter<1, 1>) {}", "names the state StateFilter"),
         ("perceptor/association/exact", "fn f(g: GainControl) {}", "names the state GainControl"),
         ("tracker/stages", "impl T { fn hidden(&mut self, x: u32) {} }", "hidden changes the whole tracker"),

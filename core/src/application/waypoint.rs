@@ -42,19 +42,19 @@ use crate::real::{abs, larger, smaller, sqrt};
 use core::fmt;
 use nalgebra::Matrix4;
 
-/// Candidates per choice at most: what bounds its duration, with [`LONGEST_LEG_CYCLES`].
+/// Capacity: candidates per choice at most: what bounds its duration, with [`LONGEST_LEG_CYCLES`].
 pub const MOST_CANDIDATES: usize = 32;
-/// Cycles that the way to a candidate may take, and those that are looked at of the way from there to the goal.
+/// Capacity: cycles that the way to a candidate may take, and those that are looked at of the way from there to the goal.
 pub const LONGEST_LEG_CYCLES: u32 = 1000;
-/// Places at which information is looked at on the way from a candidate to the goal, at most.
+/// Capacity: places at which information is looked at on the way from a candidate to the goal, at most.
 const PLACES_TO_GOAL: u32 = 32;
-/// Coordinates of candidates and goal lie within this, metres, as those of anchors do.
+/// Guard: against overflow: coordinates of candidates and goal lie within this, metres, as those of anchors do.
 const REACH_M: f32 = 1e4;
-/// A leg longer than so many steps by less than this is not given another one, steps.
+/// Guard: against rounding: a leg longer than so many steps by less than this is not given another one, steps.
 const ROUNDING: f32 = 1e-3;
-/// Nearer than this, power no longer grows as in free space, metres.
+/// Guard: against the division by zero: nearer than this, power no longer grows as in free space, metres.
 const NEAREST_M: f32 = 0.1;
-/// Nearer to an anchor than this, none of its paths counts, metres.
+/// Guard: against places at an anchor, where ranges lose their direction: nearer than this, none of its paths counts, metres.
 const BLIND_M: f32 = 0.5;
 
 /// How a waypoint is chosen.

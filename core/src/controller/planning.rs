@@ -56,9 +56,9 @@ pub struct PlanningState {
     pub threshold: f32,
 }
 
-/// Longest horizon, cycles.
+/// Capacity: longest horizon, cycles; it bounds memory and time.
 pub const LONGEST_HORIZON: usize = 16;
-/// Actions that are planned at a time: bounds the scratch memory.
+/// Capacity: actions that are planned at a time; it bounds the scratch memory.
 const BATCH: usize = 8;
 
 /// A source as it will be seen, steps ahead.

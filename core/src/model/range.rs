@@ -12,6 +12,8 @@ pub const SMALLEST_SPREAD_M2: f32 = 1e-12;
 const SHORTEST_M: f32 = 1e-6;
 /// Spread of the sigma points, standard deviations.
 pub const SIGMA_POINT: f32 = 1.732_050_8;
+/// Guard: against the division by it: least squared radius of the circle that a range leaves of a height, square metres.
+pub const LEAST_RADIUS2_M2: f32 = 1e-4;
 
 /// Statistical linear regression of one range on the state, taken at the prior.
 #[derive(Clone, Copy, Debug, PartialEq)]

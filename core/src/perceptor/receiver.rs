@@ -1,6 +1,6 @@
 //! Receiver: bad input is refused, frames become paths, and paths and ranges become one scan per anchor.
 
-use super::channel_estimator::{ChannelEstimate, ChannelEstimator};
+use super::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSettings};
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
 use crate::error::Error;
@@ -35,6 +35,7 @@ pub type Scans<const ANCHORS: usize, const PATHS: usize> = Vec<Scan<PATHS>, ANCH
 #[derive(Clone, Debug)]
 pub struct Receiver<const ANCHORS: usize, const PATHS: usize> {
     radio: Radio,
+    estimator_settings: EstimatorSettings,
     ranging: Ranging,
     /// Estimator for the pulse it was last used with; rebuilt when the pulse changes, so no state.
     estimator: ChannelEstimator<PATHS>,
@@ -60,11 +61,12 @@ impl<const ANCHORS: usize> Default for Delivered<ANCHORS> {
 
 impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     /// Nothing received yet; `pulse` is that of the first action.
-    pub fn new(radio: Radio, ranging: Ranging, pulse: Pulse) -> Self {
+    pub fn new(radio: Radio, estimator_settings: EstimatorSettings, ranging: Ranging, pulse: Pulse) -> Self {
         Self {
             radio,
+            estimator_settings,
             ranging,
-            estimator: build_estimator(&radio, pulse),
+            estimator: build_estimator(&radio, estimator_settings, pulse),
             estimator_pulse: pulse,
             gain_control: [GainControl::default(); ANCHORS],
             last_sequence: [None; ANCHORS],
@@ -171,7 +173,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         let Some(action) = library.get(frame.action) else { return };
         let pulse = self.radio.pulse(action);
         if pulse != self.estimator_pulse {
-            self.estimator = build_estimator(&self.radio, pulse);
+            self.estimator = build_estimator(&self.radio, self.estimator_settings, pulse);
             self.estimator_pulse = pulse;
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
@@ -254,6 +256,16 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     }
 }
 
-fn build_estimator<const PATHS: usize>(radio: &Radio, pulse: Pulse) -> ChannelEstimator<PATHS> {
-    ChannelEstimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame)
+fn build_estimator<const PATHS: usize>(
+    radio: &Radio,
+    estimator: EstimatorSettings,
+    pulse: Pulse,
+) -> ChannelEstimator<PATHS> {
+    ChannelEstimator::new(
+        pulse,
+        radio.sample_spacing_s,
+        radio.samples_per_frame,
+        radio.false_paths_per_frame,
+        estimator,
+    )
 }

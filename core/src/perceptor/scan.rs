@@ -6,8 +6,8 @@ use crate::model::measurement::Measurement;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 use heapless::Vec;
 
-/// A path this much stronger may leave artefacts beside it, power ratio.
-const ARTEFACT_RATIO: f32 = 4.0;
+/// Guard: against artefacts that a path this much stronger leaves beside itself, power ratio.
+pub const ARTEFACT_RATIO: f32 = 4.0;
 
 /// What a frame says besides its paths.
 #[derive(Clone, Debug)]

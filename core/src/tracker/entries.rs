@@ -70,11 +70,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             environment.insert(slot, mapped.anchor, 0.9, 0);
         }
         Ok(Self {
-            receiver: Receiver::new(config.radio, ranging, config.radio.pulse(first)),
-            belief: TagBelief::new(config.motion, start_speed_m_s, filter.agent()),
+            receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
+            belief: TagBelief::new(config.motion, start_speed_m_s, filter.agent(), config.acquisition),
             filter,
             environment,
-            discovery: Discovery::default(),
+            discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
             channel: ChannelMemory::new(config.controller.prior_sinr, config.controller.neighbours, &library),
             controllers: Controllers::new(config.controller, checked.len(), &library, seed),

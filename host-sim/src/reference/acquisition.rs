@@ -20,50 +20,14 @@ use super::state_filter::{
 };
 use super::{Matrix, zeros};
 use cogmint_core::model::motion::Motion;
+use cogmint_core::model::range::LEAST_RADIUS2_M2;
+use cogmint_core::model::soft_update::{LARGEST_SHRINK, LEAST_WEIGHT};
+use cogmint_core::perceptor::belief::acquisition::{
+    ARC_STD, AcquisitionSettings, BRANCHES, DIRECTIONS, DOUBT, EARLIER, EARLIEST, GATE2, LEAST_DETERMINANT,
+    LEAST_FACTOR, LIGHTEST, NEXT_DIRECTION, PLACES, PRIOR_GATE2, ROUNDING_MARGIN,
+};
 use std::cmp::Ordering;
 use std::fmt;
-
-/// Gate of arcs against the prior, squared standard deviations.
-const PRIOR_GATE2: f32 = 36.0;
-/// What the prior's variances grow by where it was wrong.
-const DOUBT: f32 = 4.0;
-/// Places held at once.
-const PLACES: usize = 26;
-/// Arcs per circle, and the turn from each to the next: cosine and sine of 2 pi / 64.
-const DIRECTIONS: usize = 64;
-const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
-/// Standard deviation of an arc along the circle, radians.
-const ARC_STD: f32 = 0.06;
-/// Least share of the variance across in that along the radius, against rounding.
-const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
-/// Ranges per anchor that are tried as the direct path, and in how many scans.
-const EARLIEST: usize = 4;
-/// Ranges remembered per scan.
-const EARLIER: usize = 8;
-/// Most places that one place becomes in a cycle.
-const BRANCHES: usize = 8;
-/// Gate, as a normalised squared innovation.
-const GATE2: f32 = 9.0;
-/// Weight, of the heaviest, below which a place is dropped.
-const LIGHTEST: f32 = 1e-9;
-/// Places are proposed as long as the others weigh more.
-const NEWCOMER: f32 = 1e-5;
-/// Settled: as much of the weight at one place, after as many scans.
-const SETTLED_WEIGHT: f32 = 0.999_999;
-const SETTLED_CYCLES: u16 = 8;
-/// And all within this of the heaviest, metres.
-const NEAR_M: f32 = 0.3;
-/// Squared Mahalanobis distance below which two places are one.
-const SAME2: f32 = 1.0;
-/// Least factors of a weight: by a feature, and of a newcomer by a scan before it came.
-const LEAST_FACTOR: f32 = 1e-12;
-/// Share of a scan's likelihood below which a virtual anchor does not move the tag.
-const LEAST_SHARE: f32 = 1e-3;
-/// Most that one update may shrink a variance.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
-/// Least squared radius of a circle, square metres, and least determinant of the covariance around it.
-const LEAST_RADIUS2: f32 = 1e-4;
-const LEAST_DETERMINANT: f32 = 1e-20;
 
 /// A direct path or a virtual anchor.
 #[derive(Clone, Copy, Debug)]
@@ -135,6 +99,7 @@ pub struct Acquisition<T> {
     prior: Agent<T>,
     /// Variance of a velocity of which nothing is known, per axis.
     speed_m2_s2: T,
+    settings: AcquisitionSettings,
     places: Vec<Place<T>>,
     /// Cycles with measurements since places were proposed.
     scans: u16,
@@ -146,9 +111,9 @@ pub struct Acquisition<T> {
 
 impl<T: Real> Acquisition<T> {
     /// Around the prior, for so many anchors.
-    pub fn new(prior: Agent<T>, speed_m2_s2: T, anchors: usize) -> Self {
+    pub fn new(prior: Agent<T>, speed_m2_s2: T, anchors: usize, settings: AcquisitionSettings) -> Self {
         let earlier_m = vec![[Vec::new(), Vec::new()]; anchors];
-        Self { prior, speed_m2_s2, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO, earlier_m }
+        Self { prior, speed_m2_s2, settings, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO, earlier_m }
     }
 
     /// Intensity of what belongs to no landmark at each range of a scan of `anchor`, per metre: the larger, the nearer the range
@@ -228,7 +193,7 @@ impl<T: Real> Acquisition<T> {
             return false;
         }
         self.scans = self.scans.saturating_add(1);
-        let newcomers_matter = self.newcomer_ln > ln(T::of(NEWCOMER));
+        let newcomers_matter = self.newcomer_ln > ln(T::of(self.settings.newcomer_weight));
         for place in std::mem::take(&mut self.places) {
             self.offer(place.hear(sweeps, None));
         }
@@ -256,7 +221,7 @@ impl<T: Real> Acquisition<T> {
                     prior.covariance[v][p] = T::ZERO;
                 }
             }
-            *self = Self::new(prior, self.speed_m2_s2, self.earlier_m.len());
+            *self = Self::new(prior, self.speed_m2_s2, self.earlier_m.len(), self.settings);
         }
         true
     }
@@ -289,7 +254,7 @@ impl<T: Real> Acquisition<T> {
             after = measurement.range_m;
             let slant = after - sweep.bias_m;
             let radius_m =
-                sqrt(larger(square(slant) - square(sweep.direct.height_m[0]), T::of(LEAST_RADIUS2)));
+                sqrt(larger(square(slant) - square(sweep.direct.height_m[0]), T::of(LEAST_RADIUS2_M2)));
             let of_height = height_variance_m2(sweep.direct.height_m, slant);
             let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2 + of_height;
             // Order: each direction is the one before, turned once more.
@@ -402,7 +367,7 @@ impl<T: Real> Acquisition<T> {
 
     /// The heaviest place (the first of equals), once it has nearly all weight.
     pub fn settled(&self) -> Option<Agent<T>> {
-        if self.scans < SETTLED_CYCLES {
+        if self.scans < self.settings.settled_cycles {
             return None;
         }
         let mut heaviest = self.places.first()?;
@@ -417,11 +382,11 @@ impl<T: Real> Acquisition<T> {
             let away_x = place.agent.mean[PX] - heaviest.agent.mean[PX];
             let away_y = place.agent.mean[PY] - heaviest.agent.mean[PY];
             all += weight;
-            if square(away_x) + square(away_y) < square(T::of(NEAR_M)) {
+            if square(away_x) + square(away_y) < square(T::of(self.settings.settled_within_m)) {
                 near += weight;
             }
         }
-        (near > T::of(SETTLED_WEIGHT) * all).then(|| self.summary())
+        (near > T::of(self.settings.settled_weight) * all).then(|| self.summary())
     }
 
     /// Every number with its name, in the order of the core's `visit`.
@@ -571,7 +536,7 @@ impl<T: Real> Place<T> {
             let [gx, gy] = line.slope;
             let a = &landmark.covariance_m2;
             let own = gx * (gx * a[0][0] + gy * a[1][0]) + gy * (gx * a[1][0] + gy * a[1][1]);
-            if weight > num(LEAST_SHARE) * total && own * weight < noise {
+            if weight > num(LEAST_WEIGHT) * total && own * weight < noise {
                 let shift = Shift {
                     share: weight / total,
                     first_m: first / total,
@@ -612,7 +577,7 @@ impl<T: Real> Place<T> {
         let determinant = xx * yy - square(yx);
         // The distance times the determinant.
         let form = yy * square(dx) - T::of(2.0) * (yx * (dx * dy)) + xx * square(dy);
-        form < T::of(SAME2) * determinant
+        form < determinant
     }
 
     /// Union: the sum of the weights, the moments of both.

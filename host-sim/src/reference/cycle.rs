@@ -21,6 +21,7 @@ use super::{Matrix, zeros};
 use cogmint_core::model::observation::{Frame, Observation, RangeScan, TagHeight};
 use cogmint_core::model::source::Source;
 use cogmint_core::perceptor::association::Mode;
+use cogmint_core::perceptor::scan::ARTEFACT_RATIO;
 use cogmint_core::radio::library::Action;
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 
@@ -28,7 +29,6 @@ use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 const HIDDEN_DETECTION: f32 = 0.1;
 /// Virtual anchors nearer than this may be one, metres.
 const NEAR_M: f32 = 0.3;
-const ARTEFACT_RATIO: f32 = 4.0;
 
 /// The sizes that are part of the core's type.
 #[derive(Clone, Copy, Debug)]
@@ -175,7 +175,8 @@ impl<T: Real> Reference<T> {
         };
         let mut filter = StateFilter::new(capacity.anchors, capacity.virtual_anchors, config.motion, &prior);
         let speed = T::of(config.start.velocity_std_m_s);
-        let acquisition = Some(Acquisition::new(filter.agent(), square(speed), capacity.anchors));
+        let acquisition =
+            Some(Acquisition::new(filter.agent(), square(speed), capacity.anchors, config.acquisition));
         let mut environment = EnvironmentMemory::new(capacity.virtual_anchors);
         for slot in 0..map.len() {
             let std_m = if config.exact_map { 0.0 } else { map[slot].std_m };
@@ -210,7 +211,7 @@ impl<T: Real> Reference<T> {
             filter,
             environment,
             channel,
-            discovery: Discovery::new(capacity.anchors),
+            discovery: Discovery::new(capacity.anchors, config.discovery_settings),
             acquisition,
             loss: LossMonitor::new(),
             unexplained: vec![unexplained; capacity.anchors],
@@ -435,6 +436,7 @@ impl<T: Real> Reference<T> {
                     radio.samples_per_frame,
                     T::of(radio.false_paths_per_frame),
                     self.capacity.paths,
+                    self.config.estimator,
                 );
                 self.estimators.push((pulse.clone(), estimator));
                 self.estimators.len() - 1
@@ -782,7 +784,8 @@ impl<T: Real> Reference<T> {
         }
         let speed = T::of(self.config.start.velocity_std_m_s);
         self.loss = LossMonitor::new();
-        self.acquisition = Some(Acquisition::new(prior, square(speed), self.capacity.anchors));
+        self.acquisition =
+            Some(Acquisition::new(prior, square(speed), self.capacity.anchors, self.config.acquisition));
     }
 
     /// After a gap: between where it was and where its velocity would have brought it.

@@ -12,12 +12,9 @@
 
 use super::real::{Real, exp, larger, limited, ln, square};
 use cogmint_core::model::observation::Samples;
+use cogmint_core::perceptor::gain_control::{DEVIATION_LN, MOST_LN, ODDS, STANDS_OUT};
 use std::fmt;
 
-const STANDS_OUT: f32 = 8.0;
-const DEVIATION: f32 = 0.4;
-const MOST: f32 = 10.0;
-const ODDS: f32 = 49.0 * MOST / (2.5066 * DEVIATION);
 const RATE: f32 = 0.1;
 const CHANGED_SHARE: f32 = 0.1;
 
@@ -67,7 +64,7 @@ impl<T: Real> GainControl<T> {
         // Order: the rate times 1 - 0.9 p.
         let rate = num(RATE) * (T::ONE - num(1.0 - CHANGED_SHARE) * larger(likely(-x), risen));
         self.mean_ln = Some(mean_ln - rate * limited(x, num(-1.0), num(1.0)));
-        white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST)))
+        white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST_LN)))
     }
 
     /// The action of the last frame, if it waits.
@@ -101,6 +98,6 @@ impl<T: Real> GainControl<T> {
 /// How likely a change of the noise is that leaves x missing.
 fn likely<T: Real>(x: T) -> T {
     // Order: x times the inverse of the deviation.
-    let deviations = larger(x, T::ZERO) * T::of(1.0 / DEVIATION);
+    let deviations = larger(x, T::ZERO) * T::of(1.0 / DEVIATION_LN);
     T::ONE / (T::ONE + T::of(ODDS) * exp(T::of(-0.5) * square(deviations)))
 }

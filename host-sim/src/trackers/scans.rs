@@ -43,7 +43,16 @@ pub fn scans(recording: &Recording, setup: &Setup) -> Vec<CycleScans> {
         .map(|action| {
             let pulse = radio.pulse(action);
             let (spacing_s, samples) = (radio.sample_spacing_s, radio.samples_per_frame);
-            (pulse, ChannelEstimator::new(pulse, spacing_s, samples, radio.false_paths_per_frame))
+            (
+                pulse,
+                ChannelEstimator::new(
+                    pulse,
+                    spacing_s,
+                    samples,
+                    radio.false_paths_per_frame,
+                    setup.config.estimator,
+                ),
+            )
         })
         .collect();
     let inputs: Vec<CycleInput<'_>> = inputs(recording).collect();

@@ -44,7 +44,7 @@ fn position(agent: &Agent) -> Matrix2<f32> {
 
 /// A prediction: p <- A p, C_pp <- A C_pp A' + Q.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Prediction {
+pub(crate) struct Prediction {
     pub transition: Matrix2<f32>,
     pub noise: Matrix2<f32>,
 }
@@ -76,7 +76,7 @@ impl Prediction {
 
 /// An update: the information J on the position and its vector relative to the predicted position.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Correction {
+pub(crate) struct Correction {
     /// J.
     pub information: Matrix2<f32>,
     /// C_pp+^-1 (p+ - p).

@@ -9,9 +9,9 @@
 //! Whether there is a virtual anchor at all is a Bernoulli variable of its own, weighed by hits and misses against the
 //! intensity of measurements that nothing explains.
 
-mod candidate;
+pub mod candidate;
 mod common_motion;
-mod hypothesis;
+pub mod hypothesis;
 
 use self::candidate::Candidate;
 use self::common_motion::{Correction, Prediction};
@@ -21,24 +21,47 @@ use crate::real::{abs, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
-/// Candidates per anchor.
+/// Capacity: candidates per anchor, which bound memory and time.
 pub const CANDIDATES: usize = 6;
-/// Hypotheses per candidate.
+/// Mathematics: grid of hypotheses on a ring; capacity of a candidate.
 pub const HYPOTHESES: usize = 12;
 
-/// Gate, standard deviations.
-const GATE: f32 = 3.0;
-/// A ring is drawn only once the tag is known as well as the range (variances), or to 5 cm; and candidates are
-/// given up when it is known worse than 1 m.
-const SETTLED_SHARE: f32 = 1.0;
-const SETTLED_M2: f32 = 2.5e-3;
-const LOST_M2: f32 = 1.0;
-/// Deviations by which a reflection is at least longer than the direct path.
-const CLEARLY: f32 = 3.0;
-/// Rounds of messages.
-const ROUNDS: usize = 10;
-/// Least probability that a new leftover is the path of a virtual anchor.
-const LEAST_PRIOR: f32 = 0.1;
+/// Guard: against work on what explains nothing: gate, standard deviations.
+pub const GATE: f32 = 3.0;
+/// Guard: against candidates that a lost tag would carry off: they are given up when its position's variances exceed this
+/// together, square metres.
+pub const LOST_M2: f32 = 1.0;
+/// Guard: against a second candidate for the direct path: deviations by which a reflection is at least longer than it.
+pub const CLEARLY: f32 = 3.0;
+/// Capacity: rounds of messages, which bound the time.
+pub const ROUNDS: usize = 10;
+/// Guard: against candidates that never get a chance: least probability that a new leftover is the path of a virtual anchor.
+pub const LEAST_PRIOR: f32 = 0.1;
+/// Guard: against the division by it: least probability that known features leave a measurement free.
+pub const LEAST_FREE: f32 = 1e-6;
+
+/// When a candidate is begun, and when it is taken for a virtual anchor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DiscoverySettings {
+    /// A candidate is begun only while the tag's position is known to this standard deviation per axis, metres (1e-3 to 1), or
+    /// as well as the range. Less: later discoveries. More: rings that begin around a wrong place. Chosen on development rooms.
+    pub begin_below_m: f32,
+    /// Ranges that a candidate has had at least when it is taken for a virtual anchor (2 to 1000). Less: sooner, and more false
+    /// virtual anchors. Chosen on development rooms.
+    pub resolved_hits: u16,
+    /// Probability that there is one (0.5 to 0.99). Less: more false virtual anchors. Chosen on development rooms.
+    pub resolved_existence: f32,
+    /// Probability of the one place taken (0.5 to 0.99999). Less: sooner, and now and then its mirror image. Chosen on
+    /// development rooms.
+    pub resolved_weight: f32,
+}
+
+impl Default for DiscoverySettings {
+    fn default() -> Self {
+        Self { begin_below_m: 0.05, resolved_hits: 20, resolved_existence: 0.9, resolved_weight: 0.9995 }
+    }
+}
 
 /// A virtual anchor found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,6 +114,7 @@ pub struct Background {
 /// The candidates of every anchor.
 #[derive(Clone, Debug)]
 pub struct Discovery<const ANCHORS: usize> {
+    settings: DiscoverySettings,
     candidates: [Vec<Candidate, CANDIDATES>; ANCHORS],
 }
 
@@ -129,13 +153,12 @@ impl<const PATHS: usize> Claims<PATHS> {
     }
 }
 
-impl<const ANCHORS: usize> Default for Discovery<ANCHORS> {
-    fn default() -> Self {
-        Self { candidates: core::array::from_fn(|_| Vec::new()) }
-    }
-}
-
 impl<const ANCHORS: usize> Discovery<ANCHORS> {
+    /// No candidates.
+    pub fn new(settings: DiscoverySettings) -> Self {
+        Self { settings, candidates: core::array::from_fn(|_| Vec::new()) }
+    }
+
     /// Number of candidates of an anchor.
     pub fn candidates(&self, anchor: usize) -> usize {
         self.candidates.get(anchor).map_or(0, |candidates| candidates.len())
@@ -200,7 +223,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         let known = {
             let mut known = claims.totals();
             for (total, free) in known.iter_mut().zip(free) {
-                *total *= 1.0 / larger(*free, 1e-6) - 1.0;
+                *total *= 1.0 / larger(*free, LEAST_FREE) - 1.0;
             }
             known
         };
@@ -233,12 +256,13 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         candidates.retain(Candidate::is_plausible);
         let c = &viewpoint.agent.covariance;
         let tag = 0.5 * (c.m11 + c.m22);
+        let begin_below_m = self.settings.begin_below_m;
         let prior = larger(1.0 - background.false_alarms_per_m / background.all_per_m, LEAST_PRIOR);
         for (measurement, unclaimed) in measurements.iter().zip(&unclaimed) {
             let deviation = sqrt(viewpoint.direct_variance_m2 + measurement.variance_m2);
             let is_reflection = measurement.range_m > viewpoint.direct_m + CLEARLY * deviation;
             let apart = known_m.clone().all(|known_m| abs(measurement.range_m - known_m) >= resolution_m);
-            let settled = tag < larger(SETTLED_SHARE * measurement.variance_m2, SETTLED_M2);
+            let settled = tag < larger(measurement.variance_m2, begin_below_m * begin_below_m);
             if *unclaimed > 0.5 && settled && is_reflection && apart && !candidates.is_full() {
                 let _ = candidates.push(Candidate::ring(viewpoint, measurement, prior));
             }
@@ -251,7 +275,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         let mut found = None;
         candidates.retain(|candidate| {
             if found.is_none() {
-                found = candidate.resolved();
+                found = candidate.resolved(&self.settings);
                 found.is_none()
             } else {
                 true
@@ -276,7 +300,7 @@ mod tests {
     use nalgebra::{Matrix4, Vector4};
 
     fn walk(points: impl Iterator<Item = [f32; 2]>, truth: [f32; 2]) -> Option<Discovered> {
-        let mut discovery = Discovery::<1>::default();
+        let mut discovery = Discovery::<1>::new(DiscoverySettings::default());
         let mut noise = 0.013;
         let still = ProcessNoise { position_m2: 0.0, cross_m2_s: 0.0, velocity_m2_s2: 0.0 };
         let step = MotionStep { drift_s: 1.0, decay: 1.0, noise: still };

@@ -16,10 +16,10 @@
 //! direct path" a factor lambda_fa / lambda; and no virtual anchor gets one that is clearly shorter than the direct path is
 //! expected to be, because a map that is wrong would then explain away that the tag is elsewhere.
 
-mod belief_propagation;
+pub mod belief_propagation;
 pub mod evidence;
-mod exact;
-mod factors;
+pub mod exact;
+pub mod factors;
 pub mod outcome;
 
 use super::expectation::Expectation;

@@ -8,7 +8,7 @@ pub mod acquisition;
 pub mod loss;
 pub mod manoeuvre;
 
-use self::acquisition::{Acquisition, Landmark, Sweep};
+use self::acquisition::{Acquisition, AcquisitionSettings, Landmark, Sweep};
 use self::loss::LossMonitor;
 use crate::model::motion::{Agent, Motion, MotionStep};
 use crate::real::smaller;
@@ -20,6 +20,7 @@ pub struct TagBelief<const ANCHORS: usize> {
     motion: Motion,
     /// Standard deviation of a velocity that nothing is known of, m/s.
     speed_m_s: f32,
+    settings: AcquisitionSettings,
     acquisition: Option<Acquisition<ANCHORS>>,
     loss: LossMonitor,
 }
@@ -27,9 +28,9 @@ pub struct TagBelief<const ANCHORS: usize> {
 impl<const ANCHORS: usize> TagBelief<ANCHORS> {
     /// The tag is somewhere around the prior. `speed_m_s` is the standard deviation per axis of a velocity that nothing is
     /// known of.
-    pub fn new(motion: Motion, speed_m_s: f32, prior: Agent) -> Self {
-        let acquisition = Some(Acquisition::new(prior, speed_m_s * speed_m_s));
-        Self { motion, speed_m_s, acquisition, loss: LossMonitor::default() }
+    pub fn new(motion: Motion, speed_m_s: f32, prior: Agent, settings: AcquisitionSettings) -> Self {
+        let acquisition = Some(Acquisition::new(prior, speed_m_s * speed_m_s, settings));
+        Self { motion, speed_m_s, settings, acquisition, loss: LossMonitor::default() }
     }
 
     /// Whether it is not known (yet, or any more) where the tag is.
@@ -80,7 +81,7 @@ impl<const ANCHORS: usize> TagBelief<ANCHORS> {
             covariance: Matrix4::from_diagonal(&Vector4::new(xx, yy, uu, vv)),
         };
         self.loss = LossMonitor::default();
-        self.acquisition = Some(Acquisition::new(prior, self.speed_m_s * self.speed_m_s));
+        self.acquisition = Some(Acquisition::new(prior, self.speed_m_s * self.speed_m_s, self.settings));
     }
 
     /// While it is not known where the tag is: weighs the places it may be at by one cycle's sweeps (see

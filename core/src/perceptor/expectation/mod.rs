@@ -9,16 +9,11 @@ pub mod overlap;
 use self::overlap::{Arrival, Overlap};
 use super::scan::Scan;
 use crate::model::channel::ChannelPrior;
-use crate::model::detection::detection_probability;
+use crate::model::detection::{HIDDEN_DETECTION, detection_probability};
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
 use crate::real::{limited, smaller};
 use heapless::Vec;
-
-/// Detection probability of a path that is hidden at present, and of a virtual anchor that a floor plan tells of and that
-/// was never seen: most are hidden from most places, and a few steps on another one comes out. No memory of misses
-/// may make it less, or a path that comes back would go to a false neighbour.
-pub const HIDDEN_DETECTION: f32 = 0.1;
 
 /// What is expected of one feature before the measurements arrive.
 #[derive(Clone, Copy, Debug, PartialEq)]

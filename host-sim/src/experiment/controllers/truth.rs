@@ -45,6 +45,7 @@ impl Truth {
                     radio.sample_spacing_s,
                     radio.samples_per_frame,
                     radio.false_paths_per_frame,
+                    setup.config.estimator,
                 );
                 estimator.threshold()
             })

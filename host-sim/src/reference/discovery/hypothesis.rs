@@ -8,16 +8,9 @@ use super::Square;
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product, transposed};
 use crate::reference::real::{Real, larger, smaller, sqrt, square};
 use crate::reference::state_filter::{FivePoints, ROOT_3, height_variance_m2};
+use cogmint_core::memory::discovery::hypothesis::{LEAST_ANGLE, LEAST_RADIUS_M2, LEAST_TAG_M2};
+use cogmint_core::model::soft_update::LARGEST_SHRINK;
 use std::fmt;
-
-/// Least variances of angle, radius and tag.
-const SMALLEST_ANGLE: f32 = 1e-14;
-const SMALLEST_RADIUS_M2: f32 = 1e-12;
-const SMALLEST_TAG_M2: f32 = 1e-12;
-/// Neighbours are merged at less than this squared Mahalanobis distance.
-const MERGE_DISTANCE2: f32 = 1.0;
-/// Most that an update may shrink a variance.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
 
 /// A hypothesis.
 #[derive(Clone, Copy, Debug)]
@@ -67,9 +60,9 @@ impl<T: Real> Hypothesis<T> {
         let num = T::of;
         let offset = [offset[0] - self.tag_shift_m[0], offset[1] - self.tag_shift_m[1]];
         let [aa, ra, rr] = self.covariance;
-        let l11 = sqrt(larger(aa, num(SMALLEST_ANGLE)));
+        let l11 = sqrt(larger(aa, num(LEAST_ANGLE)));
         let l21 = ra / l11;
-        let l22 = sqrt(larger(rr - square(l21), num(SMALLEST_RADIUS_M2)));
+        let l22 = sqrt(larger(rr - square(l21), num(LEAST_RADIUS_M2)));
         let range = |direction: [T; 2], radius: T| {
             let dx = offset[0] + radius * direction[0];
             let dy = offset[1] + radius * direction[1];
@@ -109,7 +102,7 @@ impl<T: Real> Hypothesis<T> {
         let explained = over_angle * with_own[0]
             + over_radius * with_own[1]
             + (over_tag[0] * with_tag[0] + over_tag[1] * with_tag[1]);
-        let explained = larger(explained, num(SMALLEST_RADIUS_M2));
+        let explained = larger(explained, num(LEAST_RADIUS_M2));
         let residual = points.residual + height_variance_m2(height, centre);
         Line { range_m: centre + points.mean, with_own, with_tag, variance_m2: explained + residual }
     }
@@ -131,9 +124,9 @@ impl<T: Real> Hypothesis<T> {
         // C <- C + scale w w'. Order: (scale w_row) w_column.
         let [aa, ra, rr] = self.covariance;
         self.covariance = [
-            larger(aa + scale * wa * wa, num(SMALLEST_ANGLE)),
+            larger(aa + scale * wa * wa, num(LEAST_ANGLE)),
             ra + scale * wr * wa,
-            larger(rr + scale * wr * wr, num(SMALLEST_RADIUS_M2)),
+            larger(rr + scale * wr * wr, num(LEAST_RADIUS_M2)),
         ];
         for (row, w) in [wa, wr].into_iter().enumerate() {
             self.cross[row][0] += scale * w * wx;
@@ -146,7 +139,7 @@ impl<T: Real> Hypothesis<T> {
 
     /// From xx, yx, yy, floored.
     fn set_tag_covariance(&mut self, [xx, yx, yy]: [T; 3]) {
-        let least = T::of(SMALLEST_TAG_M2);
+        let least = T::of(LEAST_TAG_M2);
         self.tag_covariance = [[larger(xx, least), yx], [yx, larger(yy, least)]];
     }
 
@@ -187,9 +180,9 @@ impl<T: Real> Hypothesis<T> {
         self.cross = product(&old, &transposed(&b));
         let [aa, ra, rr] = self.covariance;
         self.covariance = [
-            larger(aa - shrunk[0][0], T::of(SMALLEST_ANGLE)),
+            larger(aa - shrunk[0][0], T::of(LEAST_ANGLE)),
             ra - shrunk[1][0],
-            larger(rr - shrunk[1][1], T::of(SMALLEST_RADIUS_M2)),
+            larger(rr - shrunk[1][1], T::of(LEAST_RADIUS_M2)),
         ];
         self.turn(angle);
         self.radius_m += radius;
@@ -205,8 +198,8 @@ impl<T: Real> Hypothesis<T> {
         let [aa, ra, rr] = self.covariance;
         let cross = ra - explained[1][0];
         let left = [
-            [larger(aa - explained[0][0], T::of(SMALLEST_ANGLE)), cross],
-            [cross, larger(rr - explained[1][1], T::of(SMALLEST_RADIUS_M2))],
+            [larger(aa - explained[0][0], T::of(LEAST_ANGLE)), cross],
+            [cross, larger(rr - explained[1][1], T::of(LEAST_RADIUS_M2))],
         ];
         let gain = product(&d, &slope);
         let back = applied(&gain, self.tag_shift_m);
@@ -245,7 +238,7 @@ impl<T: Real> Hypothesis<T> {
         let ra = self.covariance[1] + other.covariance[1];
         let rr = self.covariance[2] + other.covariance[2];
         let form = rr * square(da) - num(2.0) * (ra * (da * dr)) + aa * square(dr);
-        self.is_beside(other) && form < num(MERGE_DISTANCE2) * (aa * rr - square(ra))
+        self.is_beside(other) && form < (aa * rr - square(ra))
     }
 
     /// Becomes the Gaussian with the moments of both.
