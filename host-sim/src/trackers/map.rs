@@ -11,7 +11,7 @@
 //! the slopes are d/do = 2 u and d/dtheta = -2 (q u + s t) with q = t.(m - c), and what came in from the
 //! mirrors before is multiplied by 1 - 2 u u'.
 
-use super::{CycleScans, Source};
+use super::Source;
 use crate::recording::{PlanWall, Recording};
 use crate::replay::Setup;
 
@@ -76,7 +76,6 @@ impl Map {
     pub(crate) fn new(
         recording: &Recording,
         setup: &Setup,
-        cycles: &[CycleScans],
         wanted: impl Fn(usize) -> Option<Wanted>,
     ) -> Self {
         let start = &setup.config.start;
@@ -135,9 +134,9 @@ impl Map {
     }
 
     /// Of the virtual anchors that the tracker is told alone.
-    pub(crate) fn told(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Self {
+    pub(crate) fn told(recording: &Recording, setup: &Setup) -> Self {
         let told = |index: usize| recording.virtual_anchors[index].known && !setup.map.is_empty();
-        Self::new(recording, setup, cycles, |index| told(index).then_some(Wanted::Told))
+        Self::new(recording, setup, |index| told(index).then_some(Wanted::Told))
     }
 
     /// Number of states.
