@@ -116,6 +116,9 @@ impl Setup {
         }
         let mut config = Config::default();
         config.motion.acceleration_density_m2_s3 = recording.acceleration_density_m2_s3() as f32;
+        if let Some(decay_s) = recording.motion.velocity_decay_s {
+            config.motion.velocity_decay_s = decay_s as f32;
+        }
         config.start.position_m = single(drawn_start(start, seed));
         config.start.position_std_m = start.position_std_m as f32;
         config.start.velocity_std_m_s = start.velocity_std_m_s as f32;
@@ -228,7 +231,11 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
     let beyond = "is beyond what the tracker takes";
     let (file, item, allowed) = match error {
         Error::Configuration(setting) => match setting {
-            Setting::AccelerationDensity => (META_FILE, "motion.acceleration_std_m_s2", "1e-6 to 100"),
+            Setting::AccelerationDensity => {
+                let item = "motion.acceleration_density_m2_s3 or motion.acceleration_std_m_s2";
+                (META_FILE, item, "a density of 1e-12 to 1e4 m^2/s^3")
+            }
+            Setting::VelocityDecay => (META_FILE, "motion.velocity_decay_s", "0.1 to inf"),
             Setting::StartPosition => (META_FILE, "start.position_m", "-1e4 to 1e4"),
             Setting::StartDeviation => {
                 (META_FILE, "start.position_std_m or start.velocity_std_m_s", "1e-3 to 1e3")

@@ -791,7 +791,7 @@ mod tests {
         let mut recording = Recording {
             name: "made".into(),
             source: "made for a test".into(),
-            motion: Motion { acceleration_std_m_s2: 0.1 },
+            motion: Motion::of_acceleration(0.1),
             start: Start {
                 position_m: [4.0, 6.0],
                 position_std_m: 0.2,
@@ -1120,7 +1120,7 @@ mod tests {
             [0.1, 0.2].into_iter().flat_map(|t| [0.03, 0.06, 0.1].map(|p| (t, p)))
         {
             let mut recording = circle(Kind::Ranges, 400, 0, turn);
-            recording.motion.acceleration_std_m_s2 = 1.0;
+            recording.motion.acceleration_std_m_s2 = Some(1.0);
             recording.start.velocity_std_m_s = 1.0;
             recording.association.detection_probability = detection_probability;
             recording.virtual_anchors.clear();

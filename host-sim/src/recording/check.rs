@@ -8,7 +8,7 @@ use cogmint_core::radio::pulse::PULSE_SAMPLES;
 
 use super::{
     Anchor, Angles, Cycle, LINE_TOLERANCE_M, MAX_ANCHORS, MAX_ANTENNAS, MAX_CYCLES, MAX_FRAMES,
-    MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Plan, Recording,
+    MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Motion, Plan, Recording,
     SampledPulse, Samples,
 };
 
@@ -169,6 +169,33 @@ impl Recording {
         self.check_cycles()
     }
 
+    fn check_motion(&self) -> Result<(), Fault> {
+        let Motion { acceleration_std_m_s2, acceleration_density_m2_s3, velocity_decay_s } = self.motion;
+        match (acceleration_std_m_s2, acceleration_density_m2_s3) {
+            (Some(std_m_s2), None) => {
+                check_key("motion.acceleration_std_m_s2", std_m_s2, above_zero_to(1e3))?;
+            }
+            (None, Some(density)) => {
+                check_key("motion.acceleration_density_m2_s3", density, above_zero_to(1e6))?;
+            }
+            (None, None) => {
+                return Err(Fault::key("motion.acceleration_std_m_s2", "is missing")
+                    .allowed("this or `motion.acceleration_density_m2_s3`"));
+            }
+            (Some(_), Some(_)) => {
+                let reason = "is given beside `motion.acceleration_std_m_s2`";
+                return Err(Fault::key("motion.acceleration_density_m2_s3", reason).allowed("one of them"));
+            }
+        }
+        match velocity_decay_s {
+            // NaN is refused.
+            Some(decay_s) if !(decay_s > 0.0) => {
+                Err(Fault::key("motion.velocity_decay_s", format!("is {decay_s}")).allowed("above 0 to inf"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     pub(super) fn check_meta(&self) -> Result<(), Fault> {
         if self.name.trim().is_empty()
             || self.name.chars().count() > 200
@@ -178,7 +205,7 @@ impl Recording {
                 Fault::key("name", "is empty, too long or not on one line").allowed("1 to 200 characters")
             );
         }
-        check_key("motion.acceleration_std_m_s2", self.motion.acceleration_std_m_s2, above_zero_to(1e3))?;
+        self.check_motion()?;
         for coordinate_m in self.start.position_m {
             check_key("start.position_m", coordinate_m, POSITION)?;
         }

@@ -280,6 +280,8 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
     };
     let prior = Prior {
         acceleration_std_m_s2: rounded(acceleration_std_m_s2, 3),
+        acceleration_density_m2_s3: None,
+        velocity_decay_s: None,
         position_m,
         position_std_m,
         velocity_std_m_s: 0.7,

@@ -25,7 +25,7 @@ fn recording(
     Recording {
         name: "ranges".into(),
         source: "made for a test".into(),
-        motion: Motion { acceleration_std_m_s2: acceleration },
+        motion: Motion::published(acceleration),
         start: Start {
             position_m: [3.0, 2.0],
             position_std_m,
@@ -194,7 +194,7 @@ fn drawn_from_the_model(
     let mut tag = recording.start.position_m.map(|x| x + recording.start.position_std_m * normal(rng));
     let mut velocity = [0.0; 2].map(|_: f64| recording.start.velocity_std_m_s * normal(rng));
     // White acceleration in continuous time that changes the velocity as much per cycle as the core's.
-    let root = recording.motion.acceleration_std_m_s2 * period_s;
+    let root = recording.motion.acceleration_std_m_s2.unwrap() * period_s;
     let mut cycles = Vec::new();
     for n in 0..40 {
         for axis in 0..2 {
