@@ -572,7 +572,7 @@ impl<T: Real> Reference<T> {
                 let source = Source::Virtual { anchor: scan.anchor, slot };
                 let regression = self.filter.regress(source, &sight);
                 let detection = self.detection(source, &scan, Some(regression.range_m));
-                let survival = T::of(settings.disappearance_per_s);
+                let survival = T::of(settings.map_change_per_s);
                 regressions.push(regression);
                 existences.push(EnvironmentMemory::expected_existence(&record, survival, detection));
                 detections.push(detection);
