@@ -123,7 +123,7 @@ impl Default for Config {
                     temperature_nat: 0.1,
                     exploration_per_s: 0.003,
                     hysteresis_nat: 0.01,
-                    patience_s: 1.5,
+                    patience_s: 1.4,
                 },
                 planned_actions: 20,
                 horizon: 1,
