@@ -14,9 +14,11 @@
 //! In the first scans places are proposed: each early range puts the tag on a circle around its anchor, cut into arcs.
 
 use super::association::{Measurement, is_earlier};
+use super::motion::{AGENT, Agent, PX, PY, VX, VY, mirror, predicted};
+use super::range::{Line, regress_distance};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
-use super::state_filter::{AGENT, Agent, PX, PY, VX, VY, predict_agent, regress_distance};
-use super::{Matrix, zeros};
+use super::soft_update::{Moments, SoftUpdate};
+use super::zeros;
 use cogmint_core::model::motion::Motion;
 use std::cmp::Ordering;
 use std::fmt;
@@ -57,8 +59,6 @@ const SAME2: f32 = 1.0;
 const LEAST_FACTOR: f32 = 1e-12;
 /// Share of a scan's likelihood below which a virtual anchor does not move the tag.
 const LEAST_SHARE: f32 = 1e-3;
-/// Most that one update may shrink a variance.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
 /// Least squared radius of a circle, square metres, and least determinant of the covariance around it.
 const LEAST_RADIUS2: f32 = 1e-4;
 const LEAST_DETERMINANT: f32 = 1e-20;
@@ -105,26 +105,6 @@ struct Place<T> {
     agent: Agent<T>,
     /// Logarithm of the weight; the heaviest has 0 after each scan.
     weight_ln: T,
-}
-
-/// The line that a landmark's range follows around a place.
-struct Line<T> {
-    range_m: T,
-    slope: [T; 2],
-    /// Variance of the range expected.
-    variance_m2: T,
-}
-
-/// What the ranges of one landmark amount to.
-struct Shift<T> {
-    /// Their probability.
-    share: T,
-    /// First moment of their innovations, metres.
-    first_m: T,
-    /// Second moment, square metres.
-    second_m2: T,
-    /// Measurement variance, square metres.
-    noise_m2: T,
 }
 
 /// The mixture.
@@ -196,7 +176,7 @@ impl<T: Real> Acquisition<T> {
         let acceleration = T::of(motion.acceleration_std_m_s2);
         let places = self.places.iter_mut().map(|place| &mut place.agent);
         for agent in places.chain([&mut self.prior]) {
-            let mut next = predict_agent(&agent.covariance, dt, acceleration, T::ONE);
+            let mut next = predicted(&agent.covariance, dt, acceleration);
             if larger(next[PX][PX], next[PY][PY]) > limit {
                 // Within reach of where it was, at any speed.
                 for i in 0..AGENT {
@@ -479,8 +459,8 @@ impl<T: Real> Place<T> {
         let detection = sweep.direct.detection;
         let line = self.regress(&sweep.direct);
         if given.is_none() {
-            let expected_m = line.range_m + sweep.bias_m;
-            let variance_m2 = line.variance_m2 + sweep.bias_variance_m2;
+            let expected_m = line.mean + sweep.bias_m;
+            let variance_m2 = line.explained + line.residual + sweep.bias_variance_m2;
             let shorter = sweep.shorter_cost(expected_m, variance_m2);
             let mut missed = self.clone();
             missed.weight_ln += ln(larger((T::ONE - detection) * shorter, num(LEAST_FACTOR)));
@@ -490,8 +470,8 @@ impl<T: Real> Place<T> {
         for m in 0..sweep.measurements.len() {
             let measurement = &sweep.measurements[m];
             let noise_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
-            let innovation = measurement.range_m - sweep.bias_m - line.range_m;
-            let variance = line.variance_m2 + noise_m2;
+            let innovation = measurement.range_m - sweep.bias_m - line.mean;
+            let variance = line.explained + line.residual + noise_m2;
             let nis = square(innovation) / variance;
             let chosen = given.map_or(nis < num(GATE2), |range_m| range_m == measurement.range_m);
             if !chosen {
@@ -505,8 +485,9 @@ impl<T: Real> Place<T> {
             let mut heard = self.clone();
             heard.weight_ln += ln(larger(factor, num(LEAST_FACTOR)));
             if given.is_none() {
-                let second_m2 = square(innovation);
-                heard.correct(&line, &Shift { share: T::ONE, first_m: innovation, second_m2, noise_m2 });
+                let mut moments = Moments::none();
+                moments.add(T::ONE, innovation);
+                heard.correct(&line, &moments, noise_m2);
             }
             heard.weigh_reflections(sweep, Some(m), [measurement.range_m, noise_m2]);
             keep_heaviest(grown, BRANCHES, heard);
@@ -519,9 +500,7 @@ impl<T: Real> Place<T> {
         let a = &landmark.covariance_m2;
         let [ax, ay] = landmark.position_m;
         let spread = [c[PX][PX] + a[0][0], c[PY][PX] + a[1][0], c[PY][PY] + a[1][1]];
-        let (range_m, slope, residual, explained) =
-            regress_distance([mean[PX] - ax, mean[PY] - ay], spread, landmark.height_m);
-        Line { range_m, slope, variance_m2: explained + residual }
+        regress_distance([mean[PX] - ax, mean[PY] - ay], spread, landmark.height_m)
     }
 
     /// Weighs by the virtual anchors, one by one; `taken` is the direct path.
@@ -540,23 +519,22 @@ impl<T: Real> Place<T> {
         for landmark in &sweep.reflections {
             let line = self.regress(landmark);
             let mut shares = vec![T::ZERO; columns];
-            let [mut weight, mut first, mut second, mut noise] = [T::ZERO; 4];
+            let (mut moments, mut noise) = (Moments::none(), T::ZERO);
             for m in 0..columns {
                 let own = sweep.measurements[m].variance_m2 + sweep.bias_variance_m2;
-                let innovation = sweep.measurements[m].range_m - sweep.bias_m - line.range_m;
-                let variance = line.variance_m2 + own;
+                let innovation = sweep.measurements[m].range_m - sweep.bias_m - line.mean;
+                let variance = line.explained + line.residual + own;
                 let nis = square(innovation) / variance;
                 let earlier = is_earlier(&sweep.measurements[m], direct_m, direct_variance_m2);
                 if nis < num(GATE2) && !earlier {
                     let density = landmark.detection * exp(num(-0.5) * nis) / sqrt(tau::<T>() * variance);
                     let p = left[m] * density / sweep.all_per_m[m];
                     shares[m] = p;
-                    weight += p;
-                    first += p * innovation;
-                    second += p * square(innovation);
+                    moments.add(p, innovation);
                     noise += p * own;
                 }
             }
+            let weight = moments.weight;
             let total = weight + (T::ONE - landmark.detection);
             self.weight_ln += ln(larger(total, num(LEAST_FACTOR)));
             for m in 0..columns {
@@ -568,32 +546,22 @@ impl<T: Real> Place<T> {
             let a = &landmark.covariance_m2;
             let own = gx * (gx * a[0][0] + gy * a[1][0]) + gy * (gx * a[1][0] + gy * a[1][1]);
             if weight > num(LEAST_SHARE) * total && own * weight < noise {
-                let shift = Shift {
-                    share: weight / total,
-                    first_m: first / total,
-                    second_m2: second / total,
-                    noise_m2: noise / weight,
-                };
-                self.correct(&line, &shift);
+                self.correct(&line, &moments.over(total), noise / weight);
             }
         }
     }
 
-    /// The state filter's update, of the tag alone: x <- x + w nu / S, C <- C + (spread / S^2 - share / S) w w'.
-    fn correct(&mut self, line: &Line<T>, shift: &Shift<T>) {
+    /// The soft update of the tag alone, by measurements of this variance.
+    fn correct(&mut self, line: &Line<T>, innovations: &Moments<T>, noise_m2: T) {
         let Agent { mean, covariance: c } = &mut self.agent;
         let [gx, gy] = line.slope;
         let w: Vec<T> = (0..AGENT).map(|i| gx * c[i][PX] + gy * c[i][PY]).collect();
         let of_tag = gx * w[PX] + gy * w[PY];
-        let least = of_tag * (T::ONE + T::of(LARGEST_SHRINK));
-        let inverse = T::ONE / larger(line.variance_m2 + shift.noise_m2, least);
-        let spread = larger(shift.second_m2 - square(shift.first_m), T::ZERO);
-        let scale = smaller((spread * inverse - shift.share) * inverse, inverse);
-        let step = inverse * shift.first_m;
+        let change = SoftUpdate::new(innovations, line.explained + line.residual + noise_m2, of_tag);
         for i in 0..AGENT {
-            mean[i] += w[i] * step;
+            mean[i] += w[i] * change.mean;
             for j in 0..=i {
-                c[i][j] += scale * w[i] * w[j];
+                c[i][j] += change.covariance * w[i] * w[j];
             }
         }
         mirror(c);
@@ -695,14 +663,5 @@ fn keep_heaviest<T: Real>(places: &mut Vec<Place<T>>, room: usize, place: Place<
     }
     if places[lightest].weight_ln < place.weight_ln {
         places[lightest] = place;
-    }
-}
-
-/// Symmetric by copy: the lower triangle is what was computed.
-fn mirror<T: Real>(c: &mut Matrix<T>) {
-    for i in 0..c.len() {
-        for j in 0..i {
-            c[j][i] = c[i][j];
-        }
     }
 }

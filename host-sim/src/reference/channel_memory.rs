@@ -243,9 +243,9 @@ impl<T: Real> ChannelMemory<T> {
         }
     }
 
-    /// 2 ln(f / f_1) of an action.
-    pub fn loss_ln(&self, action: usize) -> T {
-        self.loss_ln[action]
+    /// 2 ln(f / f_1) of every action.
+    pub fn losses_ln(&self) -> &[T] {
+        &self.loss_ln
     }
 
     /// Forgets a virtual anchor.

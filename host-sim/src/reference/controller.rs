@@ -9,9 +9,9 @@ use super::Matrix;
 use super::association::missed_odds;
 use super::channel_memory::ChannelMemory;
 use super::information::{PositionInformation, determinant, position_entropy_nat, range_slope};
+use super::motion::predicted;
 use super::pulse::Pulse;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square};
-use super::state_filter::predict_agent;
 use cogmint_core::config::{ControllerSettings, Radio};
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::controller::value::Learning;
@@ -292,8 +292,7 @@ impl<T: Real> Prospect<'_, T> {
             for source in &self.own {
                 self.tell(&mut information, source, action, place_m);
             }
-            let predicted =
-                predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
+            let predicted = predicted(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2);
             let posterior = information.posterior(&predicted);
             total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
             weights += weight;

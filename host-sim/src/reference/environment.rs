@@ -5,6 +5,7 @@
 //! any detection probability) its existence stays.
 
 use super::real::{Real, smaller};
+use cogmint_core::model::source::Source;
 
 /// Existence above which a virtual anchor counts.
 pub const CONFIRMED: f32 = 0.5;
@@ -57,6 +58,30 @@ impl<T: Real> EnvironmentMemory<T> {
         list
     }
 
+    /// The sources of an anchor: its direct path, then its virtual anchors by slot.
+    pub fn sources_of(&self, anchor: usize) -> Vec<Source> {
+        let mut sources = vec![Source::Direct { anchor }];
+        for (slot, record) in self.in_use() {
+            if record.anchor == anchor {
+                sources.push(Source::Virtual { anchor, slot });
+            }
+        }
+        sources
+    }
+
+    /// Whether a source is a virtual anchor that is on the map but was never seen.
+    pub fn is_unseen(&self, source: Source) -> bool {
+        match source {
+            Source::Direct { .. } => false,
+            Source::Virtual { slot, .. } => self.records[slot].is_some_and(|record| record.hits == 0),
+        }
+    }
+
+    /// Probability that there is a virtual anchor in a slot.
+    pub fn existence(&self, slot: usize) -> T {
+        self.records[slot].map_or(T::ZERO, |record| record.existence)
+    }
+
     /// The first free slot.
     pub fn free_slot(&self) -> Option<usize> {
         self.records.iter().position(Option::is_none)
@@ -69,9 +94,9 @@ impl<T: Real> EnvironmentMemory<T> {
     }
 
     /// P_s r, or r of a hidden one.
-    pub fn expected_existence(record: &Record<T>, survival: T, detection: T) -> T {
+    pub fn expected_existence(&self, slot: usize, survival: T, detection: T) -> T {
         let survival = if detection <= T::of(HIDDEN) { T::ONE } else { survival };
-        smaller(record.existence * survival, T::of(MOST_CERTAIN))
+        smaller(self.existence(slot) * survival, T::of(MOST_CERTAIN))
     }
 
     /// Enters the outcome of a scan in which a path had the probability `detection`.

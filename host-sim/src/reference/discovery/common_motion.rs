@@ -5,8 +5,8 @@
 //! information it brought: the matrix J = C_pp+^-1 - C_pp^-1 and the vector C_pp+^-1 (p+ - p).
 
 use super::Square;
+use crate::reference::motion::{Agent, PX, PY, VX};
 use crate::reference::real::{Real, larger, sqrt, square};
-use crate::reference::state_filter::{Agent, PX, PY, VX};
 
 /// A B.
 pub fn product<T: Real>(a: &Square<T>, b: &Square<T>) -> Square<T> {

@@ -23,8 +23,8 @@ mod hypothesis;
 use self::candidate::Candidate;
 use self::common_motion::{Correction, Prediction};
 use super::association::Measurement;
+use super::motion::{Agent, PX, PY};
 use super::real::{Real, abs, larger, sqrt};
-use super::state_filter::{Agent, PX, PY};
 use super::{Matrix, zeros};
 use std::fmt;
 
