@@ -117,7 +117,7 @@ pub enum Error {
         /// The most allowed.
         limit: usize,
     },
-    /// The tag's height is not finite or beyond 1 km.
+    /// The tag's height is not finite or beyond 1 km, or its deviation negative or beyond 100 m.
     TagHeight,
     /// A SINR told to the channel memory is not finite, or there is not one per action.
     ToldSinr,
@@ -128,7 +128,9 @@ pub enum Error {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(missing_docs)] // named after the fields they stand for
 pub enum Setting {
-    AccelerationStd,
+    AccelerationDensity,
+    /// Time constant of the velocity's decay.
+    VelocityDecay,
     VirtualAnchorWalk,
     PositionLimit,
     StartPosition,
@@ -140,7 +142,15 @@ pub enum Setting {
     ClutterPerAnchor,
     UnmappedPerAnchor,
     MaxRange,
-    SurvivalProbability,
+    Disappearance,
+    NewcomerWeight,
+    SettledWeight,
+    SettledCycles,
+    SettledWithin,
+    DiscoveryBegin,
+    DiscoveryHits,
+    DiscoveryExistence,
+    DiscoveryWeight,
     PulseDuration,
     RollOff,
     PulseShape,
@@ -148,6 +158,9 @@ pub enum Setting {
     SampleCount,
     FullScale,
     FalsePaths,
+    DenseDecay,
+    StrongSinr,
+    MergeDistance,
     Carrier,
     LibraryEmpty,
     LibraryLength,
@@ -158,6 +171,8 @@ pub enum Setting {
     Discount,
     Temperature,
     Exploration,
+    /// Patience of the search for a lost tag.
+    Patience,
     Hysteresis,
     PlannedActions,
     Horizon,
@@ -205,7 +220,7 @@ impl fmt::Display for Error {
             Error::RangeCount { anchor, given, limit } => {
                 write!(f, "anchor {anchor} delivered {given} ranges, at most {limit} allowed")
             }
-            Error::TagHeight => write!(f, "the tag's height is out of range"),
+            Error::TagHeight => write!(f, "the tag's height or its deviation is out of range"),
             Error::ToldSinr => {
                 write!(f, "one finite SINR per action must be told, of a source that is there")
             }

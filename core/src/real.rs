@@ -21,6 +21,11 @@ pub fn exp(x: f32) -> f32 {
     libm::expf(x)
 }
 
+/// exp(x) - 1, without loss of digits near 0.
+pub fn expm1(x: f32) -> f32 {
+    libm::expm1f(x)
+}
+
 /// Natural logarithm; NaN for negative arguments.
 pub fn ln(x: f32) -> f32 {
     libm::logf(x)

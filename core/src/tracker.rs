@@ -9,7 +9,7 @@ mod stages;
 mod state;
 mod values;
 
-use self::stages::{Heard, associate, follow_manoeuvre, locate, remember, revise_map};
+use self::stages::{Heard, associate, expect, locate, remember, revise_map};
 use self::values::{Known, Told, planning_state, visible};
 use crate::config::Config;
 use crate::controller::Controllers;
@@ -22,8 +22,9 @@ use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::Anchor;
 use crate::model::motion::Agent;
+use crate::model::observation::TagHeight;
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::Belief;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
@@ -39,7 +40,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     library: Library<ACTIONS>,
 
     receiver: Receiver<ANCHORS, PATHS>,
-    belief: Belief<ANCHORS>,
+    belief: TagBelief<ANCHORS>,
     filter: StateFilter<ANCHORS, VAS>,
     environment: EnvironmentMemory<VAS>,
     discovery: Discovery<ANCHORS>,
@@ -58,7 +59,7 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
 #[derive(Clone, Copy, Debug)]
 struct Begun<const ANCHORS: usize> {
     elapsed_s: f32,
-    tag_height_m: Option<f32>,
+    tag_height: Option<TagHeight>,
     delivered: Delivered<ANCHORS>,
 }
 
@@ -81,7 +82,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &mut self,
         observer: &mut impl Observer<VAS, PATHS>,
     ) -> Result<CycleReport, Error> {
-        let Begun { elapsed_s, tag_height_m, .. } = self.begun.take().ok_or(Error::NotBegun)?;
+        let Begun { elapsed_s, tag_height, .. } = self.begun.take().ok_or(Error::NotBegun)?;
         let Self {
             config,
             anchors,
@@ -98,30 +99,32 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             begun: _,
             scans,
         } = self;
-        let told = Told { config, anchors, library, tag_height_m };
+        let told = Told { config, anchors, library, tag_height };
         scans.iter_mut().for_each(Scan::grade_paths);
 
         observer.stage(Stage::Predict);
         let last = filter.agent();
+        let step = config.motion.step(elapsed_s);
         filter.predict(elapsed_s);
         let predicted = filter.agent();
-        discovery.predict(&last, &predicted, elapsed_s);
-        belief.predict(&last, &predicted, elapsed_s);
+        discovery.predict(&last, &predicted, &step);
+        belief.predict(&step, &last, &predicted, elapsed_s);
+        environment.predict(config.association.disappearance_per_s, elapsed_s);
+        channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);
         if belief.is_acquiring() {
             // Candidates are located relative to a tag that is about to jump.
             discovery.clear();
             let known = Known { filter, environment, channel, clutter };
-            if let Some(agent) = locate(belief, &told, &known, scans, elapsed_s) {
+            if let Some(agent) = locate(belief, &told, &known, scans) {
                 filter.place(&agent);
             }
         }
-        if !belief.is_acquiring() {
-            follow_manoeuvre(filter, &told, environment, channel, clutter, scans, elapsed_s);
-        }
+        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(elapsed_s);
+        let expected = expect(filter, &told, environment, channel, clutter, scans, manoeuvre_over_s);
         let known = Known { filter, environment, channel, clutter };
-        let outcomes = associate(&told, &known, discovery, scans, observer);
+        let outcomes = associate(&told, &known, discovery, expected, observer);
         let evidence_nat = outcomes.iter().fold(0.0, |sum, (outcome, _)| sum + outcome.evidence_nat);
         let lost = belief.watch(evidence_nat, filter.agent());
 

@@ -9,7 +9,7 @@
 
 use crate::SAMPLES;
 use crate::host::File;
-use cogmint_core::model::observation::{Complex, Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::observation::{Complex, Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::radio::library::Action;
 use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
@@ -59,8 +59,8 @@ pub struct CycleInput {
     ranges: [Vec<Range, PATHS>; ANCHORS],
     /// Seconds since the cycle before.
     pub elapsed_s: f32,
-    /// The tag's height, metres, where it is known.
-    pub tag_height_m: Option<f32>,
+    /// The tag's height, where it is known.
+    pub tag_height: Option<TagHeight>,
 }
 
 impl CycleInput {
@@ -133,7 +133,8 @@ impl Feed {
         let cycles = self.word()?;
         let seed = u64::from(self.word()?) | u64::from(self.word()?) << 32;
         let mut config = Config::default();
-        config.motion.acceleration_std_m_s2 = self.float()?;
+        config.motion.acceleration_density_m2_s3 = self.float()?;
+        config.motion.velocity_decay_s = self.float()?;
         config.start.position_m = [self.float()?, self.float()?];
         config.start.position_std_m = self.float()?;
         config.start.velocity_std_m_s = self.float()?;
@@ -174,12 +175,12 @@ impl Feed {
     pub fn cycle(&mut self, samples: &mut [Complex; SAMPLES]) -> Option<CycleInput> {
         let elapsed_s = self.float()?;
         let known = self.word()? != 0;
-        let height = self.float()?;
+        let height = TagHeight { mean_m: self.float()?, std_m: self.float()? };
         let mut input = CycleInput {
             frames: Vec::new(),
             ranges: [Vec::new(), Vec::new()],
             elapsed_s,
-            tag_height_m: known.then_some(height),
+            tag_height: known.then_some(height),
         };
         let mut from = 0;
         for _ in 0..self.count()? {

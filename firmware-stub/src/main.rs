@@ -44,7 +44,7 @@ fn replay(slot: &mut MaybeUninit<BoardTracker>, samples: &mut [Complex; SAMPLES]
         let observations = input.observations(samples);
         let mut stages = StageMeter::default();
         tracker
-            .cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut stages)
+            .cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut stages)
             .map_err(|_| Fault(b"error refused cycle\n"))?;
         let mut line = Line::new();
         line.text(b"cycle ").decimal(cycle).text(b" hash ").hex(tracker.hash());

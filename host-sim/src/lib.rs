@@ -19,6 +19,7 @@ pub mod rooms;
 pub mod scenario;
 pub mod score;
 pub mod simulator;
+pub mod thin;
 mod toml_place;
 pub mod trace;
 pub mod track;

@@ -44,6 +44,8 @@ enum Command {
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
     Verify(command::verify::Options),
+    /// Make a recording of some of the cycles and ranges of another.
+    Thin(command::thin::Options),
     /// Print the golden trace: a hash over all state after every cycle.
     Trace(command::trace::Options),
 }
@@ -81,6 +83,7 @@ fn main() -> ExitCode {
         Some(Command::Estimate(options)) => command::estimate::run(&options),
         Some(Command::Track(options)) => command::track::run(&options),
         Some(Command::Verify(options)) => command::verify::run(&options),
+        Some(Command::Thin(options)) => command::thin::run(&options),
         Some(Command::Trace(options)) => command::trace::run(&options),
     };
     match outcome {

@@ -2,7 +2,7 @@
 
 use crate::input_error::InputError;
 use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
-use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::observer::Observer;
 use cogmint_core::radio::library::Action;
 use cogmint_core::radio::pulse::PulseShape;
@@ -97,7 +97,7 @@ impl Setup {
     /// # Errors
     /// The recording asks for more than the tracker holds.
     pub fn new(recording: &Recording, file: &std::path::Path, seed: Option<u64>) -> Result<Self, InputError> {
-        let Recording { motion, start, association, radio, .. } = recording;
+        let Recording { start, association, radio, .. } = recording;
         let refuse =
             |item: &str, reason: String| Err(InputError::new(file.join(META_FILE), reason).for_item(item));
         if recording.anchors.len() > LARGE_ANCHORS {
@@ -115,7 +115,10 @@ impl Setup {
             return refuse("virtual_anchors", reason);
         }
         let mut config = Config::default();
-        config.motion.acceleration_std_m_s2 = motion.acceleration_std_m_s2 as f32;
+        config.motion.acceleration_density_m2_s3 = recording.acceleration_density_m2_s3() as f32;
+        if let Some(decay_s) = recording.motion.velocity_decay_s {
+            config.motion.velocity_decay_s = decay_s as f32;
+        }
         config.start.position_m = single(drawn_start(start, seed));
         config.start.position_std_m = start.position_std_m as f32;
         config.start.velocity_std_m_s = start.velocity_std_m_s as f32;
@@ -228,7 +231,11 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
     let beyond = "is beyond what the tracker takes";
     let (file, item, allowed) = match error {
         Error::Configuration(setting) => match setting {
-            Setting::AccelerationStd => (META_FILE, "motion.acceleration_std_m_s2", "1e-6 to 100"),
+            Setting::AccelerationDensity => {
+                let item = "motion.acceleration_density_m2_s3 or motion.acceleration_std_m_s2";
+                (META_FILE, item, "a density of 1e-12 to 1e4 m^2/s^3")
+            }
+            Setting::VelocityDecay => (META_FILE, "motion.velocity_decay_s", "0.1 to inf"),
             Setting::StartPosition => (META_FILE, "start.position_m", "-1e4 to 1e4"),
             Setting::StartDeviation => {
                 (META_FILE, "start.position_std_m or start.velocity_std_m_s", "1e-3 to 1e3")
@@ -297,8 +304,8 @@ pub struct CycleInput<'a> {
     frames: Vec<Frame<'a>>,
     /// Time since the previous cycle, seconds.
     pub elapsed_s: f32,
-    /// Height of the tag, metres, where the recording knows it.
-    pub tag_height_m: Option<f32>,
+    /// Height of the tag, where the recording knows it.
+    pub tag_height: Option<TagHeight>,
 }
 
 impl CycleInput<'_> {
@@ -359,7 +366,9 @@ pub fn input<'a>(
         ranges,
         frames,
         elapsed_s,
-        tag_height_m: cycle.tag_height_m.filter(|h| h.abs() <= HIGHEST_TAG_M).map(|h| h as f32),
+        tag_height: cycle.tag_height_m.filter(|height_m| height_m.abs() <= HIGHEST_TAG_M).map(|height_m| {
+            TagHeight { mean_m: height_m as f32, std_m: cycle.tag_height_std_m.unwrap_or(0.0) as f32 }
+        }),
     }
 }
 
@@ -391,11 +400,10 @@ pub fn step<const A: usize>(
     let observations = input.observations();
     let begin = std::time::Instant::now();
     let mut refused = None;
-    let mut outcome =
-        tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height_m, &mut observer);
+    let mut outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut observer);
     if let Err(error) = outcome {
         refused = Some(error);
-        outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height_m, &mut observer);
+        outcome = tracker.cycle_observed(&[], input.elapsed_s, input.tag_height, &mut observer);
     }
     let seconds = begin.elapsed().as_secs_f64();
     Ok(Step { report: outcome?, hash: tracker.hash(), seconds, refused })

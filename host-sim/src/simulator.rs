@@ -103,6 +103,15 @@ impl Simulator {
         [x + radius_m * cos, y + radius_m * sin]
     }
 
+    /// Density of the white acceleration that the tracker is told, m^2/s^3.
+    fn acceleration_density_m2_s3(&self) -> f64 {
+        let prior = &self.channel.scenario().prior;
+        prior.acceleration_density_m2_s3.unwrap_or_else(|| {
+            let times_s = self.channel.poses().iter().map(|pose| pose.time_s);
+            recording::density_m2_s3(prior.acceleration_std_m_s2, recording::usual_period_s(times_s))
+        })
+    }
+
     /// The recording without any cycle: what a tracker knows before it starts.
     pub fn before(&self) -> Recording {
         let channel = &self.channel;
@@ -120,7 +129,12 @@ impl Simulator {
                 self.trajectory,
                 channel.seed()
             ),
-            motion: recording::Motion { acceleration_std_m_s2: prior.acceleration_std_m_s2 },
+            // A density: that of a cycle alone, and of a part of the way, is that of the whole way.
+            motion: recording::Motion {
+                acceleration_std_m_s2: None,
+                acceleration_density_m2_s3: Some(self.acceleration_density_m2_s3()),
+                velocity_decay_s: prior.velocity_decay_s,
+            },
             start: recording::Start {
                 position_m: prior.position_m.unwrap_or_else(|| self.drawn_start_m()),
                 position_std_m: prior.position_std_m,
@@ -216,12 +230,24 @@ impl Simulator {
         recording::Cycle {
             time_s: pose.time_s,
             truth_position_m: Some(pose.position_m),
-            tag_height_m: Some(self.channel.tag_height_m(cycle)),
+            tag_height_m: Some(self.channel.tag_height_m(cycle) + self.told_height_error_m()),
+            tag_height_std_m: (self.told_height_std_m() > 0.0).then_some(self.told_height_std_m()),
             antenna: None,
             ranges: Vec::new(),
             frames: frames.into_iter().flatten().collect(),
             truth_paths: truth_paths.into_iter().flatten().collect(),
         }
+    }
+
+    /// Standard deviation of the tag's height as it is told, metres.
+    fn told_height_std_m(&self) -> f64 {
+        self.channel.scenario().tag.height_std_m
+    }
+
+    /// By how much the tag's height is told wrong, the same all the way, metres.
+    fn told_height_error_m(&self) -> f64 {
+        let mut rng = stream(self.channel.seed(), Purpose::TagHeight, &[self.trajectory]);
+        self.told_height_std_m() * normal(&mut rng)
     }
 
     /// One frame, if it arrives, and the true paths.

@@ -3,7 +3,7 @@
 use crate::input_error::InputError;
 use crate::recording::Recording;
 use crate::replay::{CycleInput, PATHS, SMALL_ANCHORS, Setup, Step, inputs, step};
-use cogmint_core::model::observation::{Observation, Samples};
+use cogmint_core::model::observation::{Observation, Samples, TagHeight};
 use cogmint_core::radio::pulse::PulseShape;
 use std::path::Path;
 
@@ -36,7 +36,8 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
     let config = &setup.config;
     let [x, y] = config.start.position_m;
     for value in [
-        config.motion.acceleration_std_m_s2,
+        config.motion.acceleration_density_m2_s3,
+        config.motion.velocity_decay_s,
         x,
         y,
         config.start.position_std_m,
@@ -113,8 +114,10 @@ impl Feed {
 
     fn cycle(&mut self, input: &CycleInput<'_>) {
         self.float(input.elapsed_s);
-        self.word(u32::from(input.tag_height_m.is_some()));
-        self.float(input.tag_height_m.unwrap_or(0.0));
+        self.word(u32::from(input.tag_height.is_some()));
+        let TagHeight { mean_m, std_m } = input.tag_height.unwrap_or(TagHeight::exact(0.0));
+        self.float(mean_m);
+        self.float(std_m);
         let observations = input.observations();
         let frames: Vec<_> = observations
             .iter()

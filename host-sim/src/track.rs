@@ -188,7 +188,7 @@ fn estimate(cycle: &Cycle, input: &CycleInput<'_>, step: &Step, velocity_m_s: [f
         action: framed.then_some(report.action),
         entropy_nat: Some(f64::from(report.entropy_nat)),
         // What the tracker was told, without the rounding to its precision.
-        height_m: input.tag_height_m.and(cycle.tag_height_m),
+        height_m: input.tag_height.and(cycle.tag_height_m),
     }
 }
 

@@ -17,6 +17,7 @@ use cogmint_core::model::measurement::Measurement;
 use cogmint_core::observer::Observer;
 use cogmint_core::perceptor::association::{Belief, Beliefs};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimate;
+use cogmint_core::perceptor::expectation::Sighting;
 use cogmint_core::trace::TraceHash;
 use serde::Serialize;
 use std::fmt;
@@ -202,9 +203,9 @@ fn run<const A: usize>(
         if taken.refused.is_some() {
             observations.clear();
         }
-        let (elapsed_s, height_m) = (reference_input.elapsed_s, reference_input.tag_height_m);
-        let ours = single.cycle(&observations, elapsed_s, height_m);
-        let precise = double.cycle(&observations, elapsed_s, height_m);
+        let (elapsed_s, height) = (reference_input.elapsed_s, reference_input.tag_height);
+        let ours = single.cycle(&observations, elapsed_s, height);
+        let precise = double.cycle(&observations, elapsed_s, height);
 
         comparison.intermediates(&watch, &ours);
         comparison.state(&tracker, &single);
@@ -473,7 +474,6 @@ impl Comparison {
                     a.existence,
                     b.existence,
                 );
-                self.count(stage, format_args!("misses of virtual anchor {slot}"), a.misses, b.misses);
                 self.count(stage, format_args!("hits of virtual anchor {slot}"), a.hits, b.hits);
             }
         }
@@ -592,7 +592,7 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
         hash.word(slot as u32);
         hash.word(record.anchor as u32);
         hash.float(record.existence);
-        hash.word(u32::from(record.misses));
+        hash.word(u32::from(record.sighting == Sighting::Hidden));
         hash.word(record.hits);
     }
     reference.channel.visit(&mut |_, value| hash.float(value));
@@ -605,8 +605,10 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     for controller in &reference.controllers.all {
         controller.values.iter().chain(&controller.policy).for_each(|value| hash.float(*value));
         hash.float(controller.planned_reward.unwrap_or(0.0));
+        hash.float(controller.turn_s);
     }
     reference.clutter.unexplained.iter().for_each(|value| hash.float(*value));
+    reference.receiver.silent_s.iter().flatten().for_each(|value| hash.float(*value));
     for last in &reference.receiver.last_sequence {
         hash.word(u32::from(last.is_some()));
         hash.word(last.unwrap_or(0));
@@ -792,7 +794,7 @@ mod tests {
         let mut recording = Recording {
             name: "made".into(),
             source: "made for a test".into(),
-            motion: Motion { acceleration_std_m_s2: 0.1 },
+            motion: Motion::of_acceleration(0.1),
             start: Start {
                 position_m: [4.0, 6.0],
                 position_std_m: 0.2,
@@ -914,7 +916,7 @@ mod tests {
     fn ranges_are_equal_while_virtual_anchors_come_and_go() {
         let recording = recording(Kind::Ranges, 400, 0);
         let mut setup = setup(&recording);
-        setup.config.controller.choice.exploration = 0.05;
+        setup.config.controller.choice.exploration_per_s = 0.5;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.discovered > 0 && covered.forgotten > 0 && covered.action_changes > 0, "{covered:?}");
     }
@@ -925,6 +927,8 @@ mod tests {
         for (n, cycle) in recording.cycles.iter_mut().enumerate() {
             // Now and then nobody knows the height.
             cycle.tag_height_m = (n % 7 != 0).then_some(1.2);
+            // And now and then not well.
+            cycle.tag_height_std_m = (n % 7 != 0).then_some(if n % 5 == 0 { 0.3 } else { 0.0 });
         }
         let mut setup = setup(&recording);
         setup.config.association.mode = Mode::Map;
@@ -933,7 +937,7 @@ mod tests {
         setup.config.controller.horizon = 5;
         setup.config.controller.reward = Reward::EntropyChange;
         setup.config.controller.planned_actions = 4;
-        setup.config.controller.choice.exploration = 0.5;
+        setup.config.controller.choice.exploration_per_s = 5.0;
         let covered = verified(&setup, &recording).covered;
         assert!(covered.action_changes > 10, "{covered:?}");
     }
@@ -955,7 +959,7 @@ mod tests {
             setup.config.controller.per_anchor = per_anchor;
             setup.config.controller.rendezvous = rendezvous;
             setup.config.controller.horizon = 2;
-            setup.config.controller.choice.exploration = 0.2;
+            setup.config.controller.choice.exploration_per_s = 2.0;
             let covered = verified(&setup, &recording).covered;
             assert!(covered.action_changes > 10, "{covered:?}");
         }
@@ -1119,7 +1123,7 @@ mod tests {
             [0.1, 0.2].into_iter().flat_map(|t| [0.03, 0.06, 0.1].map(|p| (t, p)))
         {
             let mut recording = circle(Kind::Ranges, 400, 0, turn);
-            recording.motion.acceleration_std_m_s2 = 1.0;
+            recording.motion.acceleration_std_m_s2 = Some(1.0);
             recording.start.velocity_std_m_s = 1.0;
             recording.association.detection_probability = detection_probability;
             recording.virtual_anchors.clear();

@@ -75,8 +75,8 @@ fn scene(problem: &Problem) -> Scene {
         anchors_m: ANCHORS_M,
         range_variance_m2: RANGE_STD_M * RANGE_STD_M,
         step_s: STEP_S,
-        acceleration_std_m_s2: MOTION.acceleration_std_m_s2,
-        virtual_anchor_walk_m: MOTION.virtual_anchor_walk_m,
+        acceleration_density_m2_s3: MOTION.acceleration_density_m2_s3,
+        virtual_anchor_walk_m_sqrt_s: MOTION.virtual_anchor_walk_m_sqrt_s,
     };
     scene.started(problem.start_m, PRIOR_STD, &problem.virtual_anchors_m)
 }

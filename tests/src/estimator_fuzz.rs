@@ -3,7 +3,7 @@
 //! Every frame is drawn from its number alone, so that a failure names the frame that shows it.
 
 use cogmint_core::model::observation::{Complex, Frame, Observation, SampleFault, Samples};
-use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator};
+use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSettings};
 use cogmint_core::radio::library::Action;
 use cogmint_core::radio::pulse::{Pulse, SUPPORT};
 use cogmint_core::{Anchor, Config, Error, Tracker};
@@ -316,7 +316,13 @@ pub fn batch(number: u64) -> Tally {
     let spacing_s = (duration_s * source.spread(1.0 / 40.0, 1.0)).clamp(1e-11, 1e-8);
     let false_paths = source.spread(1e-4, 10.0);
     let configured = source.spread(16.0, LONGEST as f32) as usize;
-    let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s, configured, false_paths);
+    let estimator = ChannelEstimator::<PATHS>::new(
+        pulse,
+        spacing_s,
+        configured,
+        false_paths,
+        EstimatorSettings::default(),
+    );
 
     let mut config = Config::default();
     config.radio.pulse_shape = pulse.shape;

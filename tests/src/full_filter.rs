@@ -20,8 +20,12 @@ pub const RANGES: usize = ANCHORS + VAS;
 /// Seconds between steps.
 pub const STEP_S: f32 = 0.1;
 /// How the tag moves.
-pub const MOTION: Motion =
-    Motion { acceleration_std_m_s2: 0.3, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+pub const MOTION: Motion = Motion {
+    acceleration_density_m2_s3: 0.3,
+    velocity_decay_s: f32::INFINITY,
+    virtual_anchor_walk_m_sqrt_s: 1e-4,
+    position_std_limit_m: 30.0,
+};
 /// Where the physical anchors stand, metres.
 pub const ANCHORS_M: [[f32; 2]; ANCHORS] = [[0.5, 7.0], [5.2, 3.2]];
 /// Standard deviations at the start: position, velocity, coordinates of the virtual anchors.
@@ -82,13 +86,18 @@ impl Problem {
     }
 
     /// The problem in little-endian 32-bit words, as the firmware's `filter` reads it: `COGF`; steps; motion
-    /// (three words); start; deviations at the start (three); anchors; virtual anchors; variance of a range;
+    /// (four words); start; deviations at the start (three); anchors; virtual anchors; variance of a range;
     /// seconds per step; then the ranges of every step.
     pub fn feed(&self) -> Vec<u8> {
         let mut feed = b"COGF".to_vec();
         feed.extend((self.ranges_m.len() as u32).to_le_bytes());
-        let Motion { acceleration_std_m_s2, virtual_anchor_walk_m, position_std_limit_m } = MOTION;
-        let numbers = [acceleration_std_m_s2, virtual_anchor_walk_m, position_std_limit_m]
+        let motion = [
+            MOTION.acceleration_density_m2_s3,
+            MOTION.velocity_decay_s,
+            MOTION.virtual_anchor_walk_m_sqrt_s,
+            MOTION.position_std_limit_m,
+        ];
+        let numbers = motion
             .into_iter()
             .chain(self.start_m)
             .chain(PRIOR_STD)
@@ -123,7 +132,7 @@ pub fn step(filter: &mut StateFilter<ANCHORS, VAS>, ranges_m: &[f32; RANGES]) {
     let mut lines = [None; RANGES];
     for (line, source) in lines.iter_mut().zip(sources()) {
         let anchor_m = ANCHORS_M[source.anchor()];
-        *line = filter.regress(source, &Sight { anchor_m, height_m: 0.0 });
+        *line = filter.regress(source, &Sight { anchor_m, height_m: 0.0, height_std_m: 0.0 });
     }
     filter.update(lines.into_iter().flatten().zip(ranges_m).map(|(regression, range_m)| {
         let nu = range_m - regression.range_m;

@@ -7,6 +7,7 @@ use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, Plan
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::ChannelMemory;
+use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
 use cogmint_core::radio::pulse::PulseShape;
@@ -86,14 +87,18 @@ impl Problem {
             let covariance_m2 = Matrix2::new(xx, yx, yx, yy);
             visible.push(Visible { source, position_m: seen.position_m, height_m: 0.0, covariance_m2 });
         }
-        let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_std_m_s2, ..] = OUTLOOK;
+        let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_density_m2_s3, ..] = OUTLOOK;
         let [.., variance_inflation, range_floor_m, roll_off, threshold] = OUTLOOK;
         let outlook = PlanningState {
             position_m: [x, y],
             velocity_m_s: [u, v],
             covariance: Matrix4::from_diagonal(&[xx, yy, uu, vv].into()),
             elapsed_s,
-            acceleration_std_m_s2,
+            motion: Motion {
+                acceleration_density_m2_s3,
+                velocity_decay_s: f32::INFINITY,
+                ..Config::default().motion
+            },
             variance_inflation,
             range_floor_m,
             radio: Radio {

@@ -2,6 +2,7 @@
 //!
 //! The tests are in `tests/tests/`; here is what they share.
 
+pub mod architecture;
 pub mod estimator_fuzz;
 pub mod full_filter;
 pub mod full_plan;

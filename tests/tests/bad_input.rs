@@ -1,7 +1,9 @@
 //! What bad input gets: a typed error that names it, and a state unchanged to the bit.
 
 use cogmint_core::controller::reward::Reward;
-use cogmint_core::model::observation::{Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples};
+use cogmint_core::model::observation::{
+    Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples, TagHeight,
+};
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
@@ -26,7 +28,7 @@ fn tracker() -> Small {
     for step in 0..20 {
         let frame = samples(step as f32);
         let observations = [complex(0, &frame), complex(1, &frame)];
-        tracker.cycle(&observations, 0.1, Some(1.2)).unwrap();
+        tracker.cycle(&observations, 0.1, Some(TagHeight::exact(1.2))).unwrap();
     }
     tracker
 }
@@ -50,7 +52,7 @@ fn magnitude(anchor: usize, samples: &[f32]) -> Observation<'_> {
 }
 
 /// Asserts that the call is refused with `expected` and that nothing changed.
-fn refuses(observations: &[Observation<'_>], elapsed_s: f32, height: Option<f32>, expected: Error) {
+fn refuses(observations: &[Observation<'_>], elapsed_s: f32, height: Option<TagHeight>, expected: Error) {
     let mut tracker = tracker();
     let before = format!("{tracker:?}");
     let hash = tracker.hash();
@@ -142,7 +144,10 @@ fn time_that_stands_still_or_runs_backwards_is_refused() {
 fn delays_and_heights_out_of_range_are_refused() {
     let frame = samples(0.0);
     for height in [f32::NAN, f32::INFINITY, 1001.0] {
-        refuses(&[complex(0, &frame)], 0.1, Some(height), Error::TagHeight);
+        refuses(&[complex(0, &frame)], 0.1, Some(TagHeight::exact(height)), Error::TagHeight);
+    }
+    for std_m in [f32::NAN, f32::INFINITY, -0.1, 100.1] {
+        refuses(&[complex(0, &frame)], 0.1, Some(TagHeight { mean_m: 1.0, std_m }), Error::TagHeight);
     }
     let Observation::Frame(frame) = complex(0, &frame) else { unreachable!() };
     for first_sample_delay_s in [f32::NAN, f32::INFINITY, 1e-3, -1e-3] {
@@ -204,7 +209,7 @@ fn of_too_many_ranges_the_best_are_kept_in_their_order() {
         let outcome = |ranges: &[Range]| {
             let mut tracker = tracker.clone();
             let scan = Observation::Ranges(RangeScan { anchor: 0, ranges });
-            let report = tracker.cycle(&[scan], 0.1, Some(1.2)).unwrap();
+            let report = tracker.cycle(&[scan], 0.1, Some(TagHeight::exact(1.2))).unwrap();
             (report.left_out, report.measurements, tracker.hash())
         };
         let (left_out, measurements, hash) = outcome(&ranges);
@@ -244,7 +249,7 @@ fn hours_without_any_frame_leave_every_number_finite() {
         (1e-6, Reward::Published { scale: 1e-30 }),
     ] {
         let mut config = config();
-        config.motion.acceleration_std_m_s2 = acceleration;
+        config.motion.acceleration_density_m2_s3 = acceleration;
         config.start.position_std_m = 1000.0;
         config.start.velocity_std_m_s = 1000.0;
         config.ranging.bias_std_m = 0.15;
@@ -290,7 +295,8 @@ fn configurations_out_of_range_are_refused() {
         let outcome = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).map(|_| ());
         assert_eq!(outcome, Err(Error::Configuration(setting)));
     };
-    refuse(|c| c.motion.acceleration_std_m_s2 = f32::NAN, Setting::AccelerationStd);
+    refuse(|c| c.motion.acceleration_density_m2_s3 = f32::NAN, Setting::AccelerationDensity);
+    refuse(|c| c.motion.velocity_decay_s = 0.0, Setting::VelocityDecay);
     refuse(|c| c.start.position_m[1] = f32::INFINITY, Setting::StartPosition);
     refuse(|c| c.start.position_std_m = 0.0, Setting::StartDeviation);
     refuse(|c| c.ranging.floor_m = 0.0, Setting::RangeFloor);
@@ -299,6 +305,18 @@ fn configurations_out_of_range_are_refused() {
     refuse(|c| c.radio.sample_spacing_s = 0.0, Setting::SampleSpacing);
     refuse(|c| c.radio.samples_per_frame = 15, Setting::SampleCount);
     refuse(|c| c.radio.false_paths_per_frame = 0.0, Setting::FalsePaths);
+    refuse(|c| c.estimator.dense_decay_s = 1e-10, Setting::DenseDecay);
+    refuse(|c| c.estimator.dense_decay_pulses = 0.0, Setting::DenseDecay);
+    refuse(|c| c.estimator.strong_sinr = 1.0, Setting::StrongSinr);
+    refuse(|c| c.estimator.merge_pulses = f32::NAN, Setting::MergeDistance);
+    refuse(|c| c.acquisition.newcomer_weight = 0.0, Setting::NewcomerWeight);
+    refuse(|c| c.acquisition.settled_weight = 1.0, Setting::SettledWeight);
+    refuse(|c| c.acquisition.settled_cycles = 0, Setting::SettledCycles);
+    refuse(|c| c.acquisition.settled_within_m = 0.0, Setting::SettledWithin);
+    refuse(|c| c.discovery_settings.begin_below_m = 2.0, Setting::DiscoveryBegin);
+    refuse(|c| c.discovery_settings.resolved_hits = 1, Setting::DiscoveryHits);
+    refuse(|c| c.discovery_settings.resolved_existence = 1.0, Setting::DiscoveryExistence);
+    refuse(|c| c.discovery_settings.resolved_weight = 1.0, Setting::DiscoveryWeight);
     refuse(|c| c.controller.choice.temperature_nat = 0.0, Setting::Temperature);
     refuse(|c| c.controller.horizon = 0, Setting::Horizon);
     refuse(|c| c.controller.first_action = 40, Setting::FirstAction);
@@ -386,7 +404,7 @@ fn random_frames_never_panic_and_never_leave_a_number_that_is_none() {
 fn each_anchor_keeps_to_the_actions_it_may_use() {
     let mut config = config();
     config.controller.per_anchor = true;
-    config.controller.choice.exploration = 0.5;
+    config.controller.choice.exploration_per_s = 5.0;
     config.controller.first_action = 30;
     let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).unwrap();
     assert_eq!(tracker.restrict(9, &[1]), Err(Error::UnknownAnchor { anchor: 9 }));

@@ -3,7 +3,7 @@
 use cogmint::channel::pulse::PulseSpectrum;
 use cogmint::experiment::response::{Dense, ResponseMaker};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator};
+use cogmint_core::perceptor::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSettings};
 use cogmint_core::radio::pulse::{Pulse, PulseShape};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -91,7 +91,7 @@ fn root_raised_cosine(t: f64) -> f64 {
 }
 
 fn estimator(false_paths: f32) -> ChannelEstimator<16> {
-    ChannelEstimator::new(PULSE, 0.25e-9, SAMPLES, false_paths)
+    ChannelEstimator::new(PULSE, 0.25e-9, SAMPLES, false_paths, EstimatorSettings::default())
 }
 
 fn estimate(estimator: &ChannelEstimator<16>, frame: &[[f32; 2]]) -> ChannelEstimate<16> {
@@ -315,7 +315,13 @@ fn the_rate_of_false_paths_holds_for_any_pulse_frame_and_dense_multipath() {
         [(0.5e-9, 0.6, 0.25e-9, 400), (2e-9, 0.5, 1.0016e-9, 1016), (0.5e-9, 0.6, 0.1e-9, 1000)]
     {
         let pulse = Pulse::root_raised_cosine(duration_s as f32, roll_off as f32);
-        let estimator = ChannelEstimator::<16>::new(pulse, spacing_s as f32, samples, RATE as f32);
+        let estimator = ChannelEstimator::<16>::new(
+            pulse,
+            spacing_s as f32,
+            samples,
+            RATE as f32,
+            EstimatorSettings::default(),
+        );
         for omega in [0.0, 316.0, 5000.0] {
             let maker = || {
                 let spectrum = PulseSpectrum::root_raised_cosine(duration_s, roll_off);
@@ -348,7 +354,7 @@ fn a_sampled_pulse_is_as_good_as_a_known_one() {
         autocorrelation: std::array::from_fn(|lag| at(lag as f64 * step_ns) as f32),
     };
     let pulse = Pulse { duration_s: 0.5e-9, shape };
-    let estimator = ChannelEstimator::<16>::new(pulse, 0.25e-9, SAMPLES, 0.01);
+    let estimator = ChannelEstimator::<16>::new(pulse, 0.25e-9, SAMPLES, 0.01, EstimatorSettings::default());
     // Noise of the spectrum that the matched filter leaves: white noise through exp(-2 (t/w)^2).
     let taps: Vec<f64> = (-8..=8).map(|k| at(2f64.sqrt() * f64::from(k) * SPACING_NS)).collect();
     let scale = taps.iter().map(|tap| tap * tap).sum::<f64>().sqrt();

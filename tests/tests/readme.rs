@@ -7,7 +7,7 @@ use std::process::Command;
 /// Every `cogmint` command as the README writes it, and what is run for it in a folder that holds a scenario
 /// `room.toml`, a recording `r` and the ranges of [`write_inputs`]. `DATA` stands for the recordings that nobody here made:
 /// without them, such a line is left out.
-const COMMANDS: [(&str, &[&str]); 32] = [
+const COMMANDS: [(&str, &[&str]); 33] = [
     ("cogmint", &["--cycles 20"]),
     (
         "cogmint scenario list",
@@ -37,6 +37,10 @@ const COMMANDS: [(&str, &[&str]); 32] = [
         &[
             "import snapshot --places places.csv --paths paths.csv --anchor 0,0 --map 5,5 --map -3,2 --out snapshot",
         ],
+    ),
+    (
+        "cogmint thin DIR --out DIR [--every-s T] [--ranges-per-cycle N]",
+        &["thin r --out thinned --every-s 0.25 --ranges-per-cycle 1"],
     ),
     (
         "cogmint plan FILE [--format table\\|toml\\|rust]",

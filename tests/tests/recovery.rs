@@ -1,7 +1,7 @@
 //! Loss and recovery: a tag that moves on unheard is found again, and one that is heard is not said to be lost.
 
 use cogmint::experiment::tracking::slam_ranges::SlamRanges;
-use cogmint::recording::Recording;
+use cogmint::recording::{Motion, Recording};
 use cogmint::scenario::Scenario;
 use cogmint::simulator::Simulator;
 use cogmint::track::{Track, track};
@@ -45,7 +45,10 @@ fn a_tag_that_rested_for_minutes_or_an_hour_is_where_it_was() {
     for seed in 1..=5 {
         for rest_s in [15.0, 60.0, 300.0, 3500.0] {
             let mut recording = with_map(seed);
-            recording.motion.acceleration_std_m_s2 = 0.1;
+            recording.motion = Motion {
+                velocity_decay_s: recording.motion.velocity_decay_s,
+                ..Motion::of_acceleration(0.1)
+            };
             for cycle in &mut recording.cycles[500..] {
                 cycle.time_s += rest_s;
             }

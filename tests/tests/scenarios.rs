@@ -108,7 +108,7 @@ fn complete() -> Vec<toml::Table> {
         constructions.lossy = { reflection_loss_db = 3.0, transmission_loss_db = 10.0 }
         propagation = { reflection_order = 2, transmissions = 1, polarisation = "horizontal" }
         anchors = [{ name = "A", position_m = [1.0, 1.0], height_m = 2.0, range_bias_m = 0.0, antenna = { pattern = "patch", boresight_deg = 0.0, gain_dbi = 0.0, ripple = 0.1, ripple_turn_deg_per_ghz = 1.0 } }]
-        tag = { height_m = 1.0, antenna = { pattern = "dipole" } }
+        tag = { height_m = 1.0, height_std_m = 0.0, antenna = { pattern = "dipole" } }
         trajectories = [
             { name = "p", period_s = 1.0, cycles = 2, way.polyline = { vertices_m = [[1.0, 3.0], [2.0, 3.0]], step_m = 0.1 } },
             { name = "w", way.waypoints = { points = [{ position_m = [1.0, 3.0], speed_m_s = 1.0, pause_s = 1.0 }, { position_m = [2.0, 3.0] }] } },
@@ -143,6 +143,8 @@ fn complete() -> Vec<toml::Table> {
 
         [prior]
         acceleration_std_m_s2 = 0.01
+        acceleration_density_m2_s3 = 1e-4
+        velocity_decay_s = 10.0
         position_m = [1.0, 1.0]
         position_std_m = 0.25
         velocity_std_m_s = 0.03

@@ -78,7 +78,7 @@ fn innovation<const A: usize, const V: usize>(
     range_m: f32,
     variance_m2: f32,
 ) -> Innovation {
-    let sight = Sight { anchor_m: ANCHORS[source.anchor()], height_m: 0.0 };
+    let sight = Sight { anchor_m: ANCHORS[source.anchor()], height_m: 0.0, height_std_m: 0.0 };
     let regression = filter.regress(source, &sight).expect("an occupied source");
     let nu = range_m - regression.range_m;
     Innovation::hard(regression, nu, variance_m2)
@@ -87,8 +87,12 @@ fn innovation<const A: usize, const V: usize>(
 #[test]
 fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(11));
-    let motion =
-        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.01,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let true_vas = [[-0.5_f64, 7.0], [11.5, 7.0], [0.5, -7.0], [6.8, 3.2], [5.2, -3.2], [5.2, 13.8]];
     let mut filter = StateFilter::<2, 8>::new(motion, [3.02, 7.80], 0.1, 0.03, 0.0, 0.0);
     let n = 4 + 2 * true_vas.len();
@@ -161,8 +165,12 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
 /// The same ranges to virtual anchors known exactly, and to physical anchors in their places.
 #[test]
 fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-2, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.1,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-2,
+        position_std_limit_m: 30.0,
+    };
     let exact = [(0, [-0.5_f32, 7.0]), (3, [5.2, -3.2])];
     for bias_std_m in [0.0, 0.2] {
         let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(41));
@@ -195,7 +203,9 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
                 let range_m = ((truth[0] - x).hypot(truth[1] - y) + deviation * noise.normal()) as f32;
                 let weight = 0.5 + 0.5 * noise.uniform() as f32;
                 let update = |filter: &StateFilter<2, 4>, source, anchor_m| {
-                    let regression = filter.regress(source, &Sight { anchor_m, height_m: 0.5 }).unwrap();
+                    let regression = filter
+                        .regress(source, &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 })
+                        .unwrap();
                     let nu = range_m - regression.range_m;
                     let variance_m2 = (deviation * deviation) as f32;
                     let moments = Moments { weight, first_m: weight * nu, second_m2: weight * nu * nu };
@@ -227,8 +237,12 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
 #[test]
 fn changes_that_wait_give_the_bits_of_one_after_the_other() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(5));
-    let motion =
-        Motion { acceleration_std_m_s2: 0.3, virtual_anchor_walk_m: 1e-3, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.3,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-3,
+        position_std_limit_m: 30.0,
+    };
     for bias_std_m in [0.0, 0.2] {
         let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], 2.0, 0.5, 0.1, bias_std_m);
         let prior = twin::Prior {
@@ -258,9 +272,10 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 } else {
                     Source::Virtual { anchor, slot: slots[(noise.uniform() * slots.len() as f64) as usize] }
                 };
-                let line =
-                    filter.regress(source, &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0 }).unwrap();
-                let sight = range::Sight { anchor_m: ANCHORS[anchor], height_m: 1.0 };
+                let line = filter
+                    .regress(source, &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 })
+                    .unwrap();
+                let sight = range::Sight { anchor_m: ANCHORS[anchor], height_m: [1.0, 0.4] };
                 let reference_line = reference.regress(source, &sight);
                 let weight = noise.uniform() as f32;
                 let first_m = weight * 0.1 * noise.normal() as f32;
@@ -290,8 +305,12 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
 
 #[test]
 fn the_order_of_measurements_within_a_cycle_does_not_matter() {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.01, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.01,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut forwards = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
     assert!(forwards.insert_independent(0, [-0.5, 7.0], 0.2));
     let mut backwards = forwards.clone();
@@ -376,8 +395,9 @@ fn the_covariance_stays_positive_definite_at_full_size() {
         for prior in [0.03_f32, 10.0] {
             let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(3));
             let motion = Motion {
-                acceleration_std_m_s2: 0.01,
-                virtual_anchor_walk_m: 1e-4,
+                acceleration_density_m2_s3: 0.01,
+                velocity_decay_s: f32::INFINITY,
+                virtual_anchor_walk_m_sqrt_s: 1e-4,
                 position_std_limit_m: 30.0,
             };
             let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], prior, 0.03, 0.0, 0.0);
@@ -430,8 +450,12 @@ fn range_biases_are_found_while_the_tag_moves() {
     let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(21));
     let anchors = [[0.0_f32, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]];
     let biases = [0.20_f64, -0.10, 0.30, 0.05];
-    let motion =
-        Motion { acceleration_std_m_s2: 0.5, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.5,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut filter = StateFilter::<4, 1>::new(motion, [3.0, 4.5], 0.3, 0.5, 0.0, 0.2);
     for cycle in 0..3000 {
         let angle = 0.05 * f64::from(cycle);
@@ -441,7 +465,7 @@ fn range_biases_are_found_while_the_tag_moves() {
             .map(|anchor| {
                 let [x, y] = anchors[anchor].map(f64::from);
                 let range = (truth[0] - x).hypot(truth[1] - y) + biases[anchor] + 0.05 * noise.normal();
-                let sight = Sight { anchor_m: anchors[anchor], height_m: 0.0 };
+                let sight = Sight { anchor_m: anchors[anchor], height_m: 0.0, height_std_m: 0.0 };
                 let regression = filter.regress(Source::Direct { anchor }, &sight).unwrap();
                 let nu = range as f32 - regression.range_m;
                 Innovation::hard(regression, nu, 0.0025)
@@ -459,8 +483,12 @@ fn range_biases_are_found_while_the_tag_moves() {
 
 /// A filter with correlations everywhere: two biases, and virtual anchors in three of its five slots.
 fn correlated(noise: &mut Noise) -> StateFilter<2, 5> {
-    let motion =
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 30.0 };
+    let motion = Motion {
+        acceleration_density_m2_s3: 0.1,
+        velocity_decay_s: f32::INFINITY,
+        virtual_anchor_walk_m_sqrt_s: 1e-4,
+        position_std_limit_m: 30.0,
+    };
     let mut filter = StateFilter::<2, 5>::new(motion, [3.0, 7.0], 0.2, 0.3, 0.0, 0.1);
     let images = [(0, [-0.5, 7.0]), (2, [11.5, 7.0]), (4, [5.2, -3.2])];
     for (slot, image) in images {
@@ -552,4 +580,48 @@ fn a_slot_that_is_taken_or_does_not_exist_takes_nothing() {
     assert!(!filter.insert_relative(2, Vector2::new(0.0, 0.0), &unit, &unit));
     assert!(!filter.insert_relative(5, Vector2::new(0.0, 0.0), &unit, &unit));
     assert_eq!(covariance(&filter), before);
+}
+
+/// The range's variance around what the position explains, for a height that is a mean with a deviation.
+#[test]
+fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
+    let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(3));
+    let motion = cogmint_core::Config::default().motion;
+    for (away_m, height_m, height_std_m) in
+        [(3.0, 2.0, 0.2), (1.0, 2.0, 0.3), (6.0, -1.5, 0.5), (0.1, 3.0, 0.2), (4.0, 4.0, 0.0)]
+    {
+        let position_std_m = 0.05;
+        let filter =
+            StateFilter::<1, 1>::new(motion, [away_m as f32, 0.0], position_std_m as f32, 0.1, 0.0, 0.0);
+        let regress = |height_std_m: f64| {
+            let (height_m, height_std_m) = (height_m as f32, height_std_m as f32);
+            let sight = Sight { anchor_m: [0.0, 0.0], height_m, height_std_m };
+            filter.regress(Source::Direct { anchor: 0 }, &sight).unwrap()
+        };
+        let draws: Vec<f64> = (0..200_000)
+            .map(|_| {
+                let [x, y] = [away_m + position_std_m * noise.normal(), position_std_m * noise.normal()];
+                x.hypot(y).hypot(height_m + height_std_m * noise.normal())
+            })
+            .collect();
+        let mean = draws.iter().sum::<f64>() / draws.len() as f64;
+        let variance = draws.iter().map(|range| (range - mean).powi(2)).sum::<f64>() / draws.len() as f64;
+        let (known, told) = (regress(0.0), regress(height_std_m));
+        let ratio = f64::from(told.variance_m2()) / variance;
+        let place = format!("{away_m} m away, {height_m} +- {height_std_m} m up: ratio {ratio:.3}");
+        println!("{place}");
+        // First order in the height: the draws have the second too. 200,000 draws leave 0.3 %.
+        assert!((ratio - 1.0).abs() < 0.04, "{place}");
+        // All of it is residual: it says nothing about where the tag is.
+        assert_eq!(
+            (known.range_m, known.slope, known.explained_m2),
+            (told.range_m, told.slope, told.explained_m2)
+        );
+        assert_eq!(known.residual_m2 < told.residual_m2, height_std_m > 0.0, "{place}");
+    }
+    // At one height there is no slope: the range is what it was, to the bit.
+    let filter = StateFilter::<1, 1>::new(motion, [0.0, 0.0], 0.1, 0.1, 0.0, 0.0);
+    let level = |height_std_m| Sight { anchor_m: [0.0, 0.0], height_m: 0.0, height_std_m };
+    let source = Source::Direct { anchor: 0 };
+    assert_eq!(filter.regress(source, &level(0.0)), filter.regress(source, &level(100.0)));
 }

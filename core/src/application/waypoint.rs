@@ -35,26 +35,26 @@ use crate::information::entropy::{position_block, position_entropy_nat};
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::model::channel::ChannelKnowledge;
 use crate::model::detection::detection_probability;
-use crate::model::motion::predicted;
+use crate::model::motion::MotionStep;
 use crate::model::source::Source;
 use crate::radio::library::Library;
 use crate::real::{abs, larger, smaller, sqrt};
 use core::fmt;
 use nalgebra::Matrix4;
 
-/// Candidates per choice at most: what bounds its duration, with [`LONGEST_LEG_CYCLES`].
+/// Capacity: candidates per choice at most: what bounds its duration, with [`LONGEST_LEG_CYCLES`].
 pub const MOST_CANDIDATES: usize = 32;
-/// Cycles that the way to a candidate may take, and those that are looked at of the way from there to the goal.
+/// Capacity: cycles that the way to a candidate may take, and those that are looked at of the way from there to the goal.
 pub const LONGEST_LEG_CYCLES: u32 = 1000;
-/// Places at which information is looked at on the way from a candidate to the goal, at most.
+/// Capacity: places at which information is looked at on the way from a candidate to the goal, at most.
 const PLACES_TO_GOAL: u32 = 32;
-/// Coordinates of candidates and goal lie within this, metres, as those of anchors do.
+/// Guard: against overflow: coordinates of candidates and goal lie within this, metres, as those of anchors do.
 const REACH_M: f32 = 1e4;
-/// A leg longer than so many steps by less than this is not given another one, steps.
+/// Guard: against rounding: a leg longer than so many steps by less than this is not given another one, steps.
 const ROUNDING: f32 = 1e-3;
-/// Nearer than this, power no longer grows as in free space, metres.
+/// Guard: against the division by zero: nearer than this, power no longer grows as in free space, metres.
 const NEAREST_M: f32 = 0.1;
-/// Nearer to an anchor than this, none of its paths counts, metres.
+/// Guard: against places at an anchor, where ranges lose their direction: nearer than this, none of its paths counts, metres.
 const BLIND_M: f32 = 0.5;
 
 /// How a waypoint is chosen.
@@ -180,7 +180,7 @@ pub fn choose_waypoint<const ACTIONS: usize>(
         units_m2,
         floor_m2: state.range_floor_m * state.range_floor_m,
         threshold: state.threshold,
-        period_s: settings.period_s,
+        step: state.motion.step(settings.period_s),
     };
     let mut ways = [Way::default(); MOST_CANDIDATES];
     let mut lowest_nat = f32::INFINITY;
@@ -234,7 +234,8 @@ struct RangeQuality<'a, C, const ACTIONS: usize> {
     units_m2: [f32; ACTIONS],
     floor_m2: f32,
     threshold: f32,
-    period_s: f32,
+    /// The motion over one cycle.
+    step: MotionStep,
 }
 
 fn check(
@@ -357,7 +358,7 @@ impl Walker {
                 information = ranging.information(visible.clone(), state.position_m, place_m);
                 looked_at += stretch;
             }
-            let predicted = predicted(&self.covariance, ranging.period_s, state.acceleration_std_m_s2);
+            let predicted = ranging.step.predicted(&self.covariance);
             self.covariance = information.posterior(&predicted);
             let entropy_nat = self.entropy_nat();
             self.way.lowest_nat = smaller(self.way.lowest_nat, entropy_nat);
@@ -426,6 +427,7 @@ mod tests {
     use crate::memory::channel::ChannelMemory;
     use crate::model::anchor::Anchor;
     use crate::model::measurement::Measurement;
+    use crate::model::motion::Motion;
     use crate::radio::library::{LIBRARY_PUBLISHED, LIBRARY_WIDE};
     use nalgebra::{Matrix2, Vector4};
     use std::vec::Vec;
@@ -446,13 +448,17 @@ mod tests {
         anchors_m.iter().enumerate().map(visible).collect()
     }
 
+    fn motion(acceleration_density_m2_s3: f32) -> Motion {
+        Motion { acceleration_density_m2_s3, velocity_decay_s: f32::INFINITY, ..Config::default().motion }
+    }
+
     fn state(covariance: Matrix4<f32>) -> PlanningState {
         PlanningState {
             position_m: [0.0, 0.0],
             velocity_m_s: [0.0, 0.0],
             covariance,
             elapsed_s: 1.0,
-            acceleration_std_m_s2: 1e-6,
+            motion: motion(1e-12),
             variance_inflation: 1.0,
             range_floor_m: 0.0,
             radio: Config::default().radio,
@@ -470,8 +476,8 @@ mod tests {
         let path = Measurement { range_m: 1.0, variance_m2: 1e-4, sinr, energy: 1.0, false_alarm: 1.0 };
         let source = Source::Direct { anchor };
         let shares = memory.shares(ACTION, &library());
-        memory.remember(source, ACTION, &path, 1.0);
-        memory.remember_noise(source, ACTION, &shares, (1.0, 1.0 / sinr), 0.0);
+        memory.remember(source, ACTION, &path, 1.0, 0.1);
+        memory.remember_noise(source, ACTION, &shares, (1.0, 1.0 / sinr), 0.0, 0.1);
     }
 
     /// A position without velocity, which prediction leaves as it is.
@@ -559,7 +565,7 @@ mod tests {
             0.3_f32, 0.0, 0.0, 0.0, 0.1, 0.2, 0.0, 0.0, 0.05, -0.1, 0.4, 0.0, 0.1, 0.0, 0.1, 0.3,
         );
         let mut state = state(root * root.transpose());
-        state.acceleration_std_m_s2 = 0.8;
+        state.motion = motion(6.4);
         state.variance_inflation = 1.44;
         state.range_floor_m = 0.01;
         state.threshold = 6.0;
@@ -589,11 +595,19 @@ mod tests {
             let dt = 0.1;
             let mut f = Matrix4::<f64>::identity();
             (f.m13, f.m24) = (dt, dt);
-            let g = nalgebra::Matrix4x2::new(0.5 * dt * dt, 0.0, 0.0, 0.5 * dt * dt, dt, 0.0, 0.0, dt);
+            let q = 6.4_f64;
+            let (xx, xv, vv) = (q * dt * dt * dt / 3.0, q * dt * dt / 2.0, q * dt);
+            #[rustfmt::skip]
+            let noise = Matrix4::new(
+                xx, 0.0, xv, 0.0,
+                0.0, xx, 0.0, xv,
+                xv, 0.0, vv, 0.0,
+                0.0, xv, 0.0, vv,
+            );
             let mut p = state.covariance.cast::<f64>();
             let mut entropies = Vec::new();
             for place in &places {
-                p = f * p * f.transpose() + g * g.transpose() * (0.8 * 0.8);
+                p = f * p * f.transpose() + noise;
                 for (anchor, [u, v]) in anchors_m.iter().enumerate() {
                     let source = Source::Direct { anchor };
                     let height = f64::from(height_m);
@@ -651,7 +665,7 @@ mod tests {
     fn walk(anchors_m: &[[f32; 2]], height_m: f32, metres_per_nat: f32) -> (usize, Vec<[f32; 2]>) {
         let (library, goal) = (library(), [6.0_f32, 0.0]);
         let mut state = state(Matrix4::from_diagonal(&Vector4::new(1e-4, 1e-4, 1e-2, 1e-2)));
-        state.acceleration_std_m_s2 = 1.0;
+        state.motion = motion(1.0);
         let settings = WaypointSettings { speed_m_s: 1.0, period_s: 0.1, metres_per_nat };
         let mut places = Vec::from([[0.0_f32, 0.0]]);
         for leg in 0..36 {

@@ -1,8 +1,7 @@
 //! The controllers of all anchors: one for each, or one for all.
 
 use super::planning::{Planner, PlanningState, Visible};
-use super::{Controller, Outcome};
-use crate::config::ControllerSettings;
+use super::{Controller, ControllerSettings, Outcome};
 use crate::error::{Error, Setting};
 use crate::model::channel::ChannelKnowledge;
 use crate::perceptor::scan::Scan;
@@ -79,7 +78,8 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
             });
             let given = planner.expect(others);
             let visible = sources.clone().filter(|sight| is_own(sight.source.anchor()));
-            let outcome = Outcome { applied, earned, heard, lost: is_lost, called };
+            let outcome =
+                Outcome { applied, earned, heard, elapsed_s: state.elapsed_s, lost: is_lost, called };
             controller.decide(&outcome, &planner, visible, &given);
             if index == 0 {
                 first_applied = applied;

@@ -14,15 +14,43 @@ mod all_anchors;
 
 pub use all_anchors::{Controllers, Decision};
 
-use crate::config::ControllerSettings;
 use crate::model::channel::ChannelKnowledge;
 use crate::radio::library::Allowed;
 use crate::radio::link::Hop;
 use planning::{Ahead, Horizon, Planner, Visible};
-use policy::{draw_other, explore, planned_set, policy, settle};
+use policy::{Choice, LEAST_TURN_CYCLES, draw_other, explore, planned_set, policy, settle};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
-use value::ActionValues;
+use reward::Reward;
+use value::{ActionValues, Learning};
+
+/// How the next action is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ControllerSettings {
+    /// What is maximised.
+    pub reward: Reward,
+    /// Learning rate and discount.
+    pub learning: Learning,
+    /// Temperature, exploration, hysteresis, patience.
+    pub choice: Choice,
+    /// Actions planned per cycle (0: none, the radio then never leaves its action; as many as the library has, or more: all).
+    pub planned_actions: usize,
+    /// Planning horizon, cycles (1 to 16).
+    pub horizon: usize,
+    /// The action of the first cycle.
+    pub first_action: usize,
+    /// SINR (linear) assumed of a source never observed, with the library's first action (0.01 to 1e6).
+    pub prior_sinr: f32,
+    /// Whether what is heard with an action also tells of those whose spectra it overlaps.
+    pub neighbours: bool,
+    /// Whether every anchor gets an action of its own, for links that can be tuned apart; without, all share one. Anchors
+    /// whose pulses differ in duration cost an estimator built anew for each.
+    pub per_anchor: bool,
+    /// The action to go to after three lost frames. Where there is one, every choice is announced to the other end one
+    /// cycle before it is used; without, it is used at once.
+    pub rendezvous: Option<usize>,
+}
 
 /// What has become of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +61,8 @@ pub struct Outcome {
     pub earned: Option<f32>,
     /// Whether anything was received.
     pub heard: bool,
+    /// How long it was, seconds.
+    pub elapsed_s: f32,
     /// Whether it is not known where the tag is.
     pub lost: bool,
     /// Whether an anchor that shares the choice is to be met at the rendezvous, where there is one.
@@ -51,8 +81,9 @@ pub struct Controller<const ACTIONS: usize> {
     /// The action held; the one chosen differs from it while another is tried.
     held: usize,
     chosen: usize,
-    /// While the tag is lost: the cycles of the present turn, and the action tried in it where it is not the one held.
+    /// While the tag is lost: cycles and seconds of the present turn, and the action tried in it where it is not the one held.
     turn_cycles: u32,
+    turn_s: f32,
     sought_with: Option<usize>,
     /// Where choices are announced to the other end before they are used.
     hop: Option<Hop>,
@@ -78,6 +109,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             held: first,
             chosen: first,
             turn_cycles: 0,
+            turn_s: 0.0,
             sought_with: None,
             hop,
             planned_reward: None,
@@ -145,7 +177,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.held = settle(&self.values, &self.allowed, self.held, &settings.choice);
         }
         self.values.relate_to(self.held, &self.allowed);
-        let explored = explore(&self.policy, &self.allowed, &settings.choice, &mut rng);
+        let explored = explore(&self.policy, &self.allowed, &settings.choice, outcome.elapsed_s, &mut rng);
         self.seek(outcome, &mut rng);
         self.chosen = self.sought_with.or(explored).unwrap_or(self.held);
         // Exploration may take an action that was not planned.
@@ -156,13 +188,14 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
     /// A tag that is lost in spite of the best action may be so because of it: in turn, it is sought with another. Where
     /// nothing at all is heard with that, its turn ends all the same.
     fn seek(&mut self, outcome: &Outcome, rng: &mut impl Rng) {
-        let patience = self.settings.choice.patience_cycles;
+        let patience_s = self.settings.choice.patience_s;
         if !outcome.lost {
-            self.turn_cycles = 0;
-        } else if patience > 0 && (outcome.heard || self.sought_with.is_some()) {
+            (self.turn_cycles, self.turn_s) = (0, 0.0);
+        } else if patience_s > 0.0 && (outcome.heard || self.sought_with.is_some()) {
             self.turn_cycles += 1;
-            if self.turn_cycles >= patience {
-                self.turn_cycles = 0;
+            self.turn_s += outcome.elapsed_s;
+            if self.turn_cycles >= LEAST_TURN_CYCLES && self.turn_s >= patience_s {
+                (self.turn_cycles, self.turn_s) = (0, 0.0);
                 self.sought_with = match self.sought_with {
                     None => draw_other(&self.allowed, self.held, rng),
                     Some(_) => None,
@@ -196,7 +229,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
             self.hop = self.settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
         }
         self.allowed = left;
-        (self.turn_cycles, self.sought_with) = (0, None);
+        (self.turn_cycles, self.turn_s, self.sought_with) = (0, 0.0, None);
         self.policy = policy(&self.values, &self.allowed, self.settings.choice.temperature_nat);
         true
     }
@@ -244,6 +277,11 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         [held, chosen, present, announced, lost_frames, self.turn_cycles, sought_with]
     }
 
+    /// Seconds of the present turn of a search.
+    pub fn turn_s(&self) -> f32 {
+        self.turn_s
+    }
+
     /// The action values.
     pub fn values(&self) -> &ActionValues<ACTIONS> {
         &self.values
@@ -262,10 +300,14 @@ mod tests {
 
     #[test]
     fn a_lost_tag_is_sought_with_the_action_held_and_with_others_in_turn() {
-        let mut controller = Controller::new(Config::default().controller, [true, false, true], 1);
-        let patience = Config::default().controller.choice.patience_cycles as usize;
+        // As long as fifteen cycles, give or take rounding.
+        let mut settings = Config::default().controller;
+        settings.choice.patience_s = 1.4;
+        let mut controller = Controller::new(settings, [true, false, true], 1);
+        let patience = LEAST_TURN_CYCLES as usize;
         let mut rng = Xoshiro128PlusPlus::seed_from_u64(1);
-        let lost = Outcome { applied: 0, earned: None, heard: true, lost: true, called: false };
+        let lost =
+            Outcome { applied: 0, earned: None, heard: true, elapsed_s: 0.1, lost: true, called: false };
         for cycle in 1..5 * patience {
             if controller.sought_with.is_none() {
                 // What nobody answers says nothing of the action held.

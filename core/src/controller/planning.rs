@@ -9,12 +9,12 @@
 //! Where every anchor has an action of its own, one anchor's is planned at a time, and the others' paths are given.
 
 use super::reward::{Reward, reward};
-use crate::config::Radio;
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::model::channel::ChannelKnowledge;
 use crate::model::detection::missed_odds;
-use crate::model::motion::predicted;
+use crate::model::motion::{Motion, MotionStep};
 use crate::model::source::Source;
+use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::real::{exp, larger, sqrt};
 use heapless::Vec;
@@ -44,8 +44,8 @@ pub struct PlanningState {
     pub covariance: Matrix4<f32>,
     /// Length of a cycle, seconds.
     pub elapsed_s: f32,
-    /// Standard deviation of the acceleration, m/s^2.
-    pub acceleration_std_m_s2: f32,
+    /// How the tag moves.
+    pub motion: Motion,
     /// Factor on the single-path bound of a range's variance.
     pub variance_inflation: f32,
     /// Standard deviation that no range goes below, metres.
@@ -56,9 +56,9 @@ pub struct PlanningState {
     pub threshold: f32,
 }
 
-/// Longest horizon, cycles.
+/// Capacity: longest horizon, cycles; it bounds memory and time.
 pub const LONGEST_HORIZON: usize = 16;
-/// Actions that are planned at a time: bounds the scratch memory.
+/// Capacity: actions that are planned at a time; it bounds the scratch memory.
 const BATCH: usize = 8;
 
 /// A source as it will be seen, steps ahead.
@@ -88,6 +88,8 @@ pub type Ahead = [PositionInformation; LONGEST_HORIZON];
 pub struct Planner<'a, C, const ACTIONS: usize> {
     horizon: Horizon,
     state: &'a PlanningState,
+    /// The motion over one cycle.
+    step: MotionStep,
     threshold_root: f32,
     channel: &'a C,
     library: &'a Library<ACTIONS>,
@@ -121,7 +123,8 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
         library: &'a Library<ACTIONS>,
     ) -> Self {
         let threshold_root = sqrt(larger(state.threshold, 0.0));
-        Self { horizon, state, threshold_root, channel, library }
+        let step = state.motion.step(state.elapsed_s);
+        Self { horizon, state, step, threshold_root, channel, library }
     }
 
     /// Discounted, normalised rewards of the actions in `planned`, each for all of `visible`; zero for the others. `given`
@@ -185,7 +188,7 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
         for (place, &action) in batch.iter().enumerate() {
             let sums = information.iter().filter_map(|sums| sums.get(place)).take(self.horizon.steps);
             if let Some(reward) = rewards.get_mut(action) {
-                *reward = discounted(sums, &self.horizon, self.state);
+                *reward = discounted(sums, &self.horizon, &self.state.covariance, &self.step);
             }
         }
     }
@@ -217,9 +220,11 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
         let [ax, ay] = sight.position_m;
         let c = &sight.covariance_m2;
         let mut views = Vec::new();
-        for step in 1..=self.horizon.steps.min(LONGEST_HORIZON) {
-            let ahead_s = step as f32 * state.elapsed_s;
-            let slope = range_slope([x + ahead_s * vx - ax, y + ahead_s * vy - ay], sight.height_m);
+        let (mut x, mut y, mut vx, mut vy) = (x - ax, y - ay, vx, vy);
+        for _ in 0..self.horizon.steps.min(LONGEST_HORIZON) {
+            (x, y) = (x + self.step.drift_s * vx, y + self.step.drift_s * vy);
+            (vx, vy) = (self.step.decay * vx, self.step.decay * vy);
+            let slope = range_slope([x, y], sight.height_m);
             let [ux, uy] = slope;
             let map_m2 = ux * ux * c.m11 + 2.0 * (ux * uy) * c.m21 + uy * uy * c.m22;
             // As many as the horizon is long: the push succeeds.
@@ -233,12 +238,13 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
 fn discounted<'a>(
     information: impl Iterator<Item = &'a PositionInformation>,
     horizon: &Horizon,
-    state: &PlanningState,
+    covariance: &Matrix4<f32>,
+    step: &MotionStep,
 ) -> f32 {
-    let mut covariance = state.covariance;
+    let mut covariance = *covariance;
     let (mut total, mut weight, mut weights) = (0.0, 1.0, 0.0);
     for sum in information {
-        let predicted = predicted(&covariance, state.elapsed_s, state.acceleration_std_m_s2);
+        let predicted = step.predicted(&covariance);
         let posterior = sum.posterior(&predicted);
         total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
         weights += weight;

@@ -4,9 +4,13 @@
 //! nothing accumulates and no action's probability dies. A floor of 1e-3 / |C| keeps every action alive.
 
 use super::value::ActionValues;
+use crate::model::clock::probability;
 use crate::radio::library::Allowed;
 use crate::real::{exp, larger, ln};
 use rand_core::Rng;
+
+/// Cycles that a turn of the search for a lost tag has at least: what it takes to settle on a place.
+pub const LEAST_TURN_CYCLES: u32 = 15;
 
 /// How the next action is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,13 +18,13 @@ use rand_core::Rng;
 pub struct Choice {
     /// Temperature tau of the softmax, nats (1e-3 to 100): smaller is greedier.
     pub temperature_nat: f32,
-    /// Probability epsilon of trying an action drawn from the policy for one cycle, instead of the best one.
-    pub exploration: f32,
+    /// How often an action drawn from the policy is tried for one cycle instead of the best one, per second (0 to 1000).
+    pub exploration_per_s: f32,
     /// The best action replaces the present one only if it is worth this much more, nats.
     pub hysteresis_nat: f32,
-    /// Cycles for which a lost tag is looked for with the best action, and then as long with one drawn from the others, in
-    /// turn; 0: always with the best.
-    pub patience_cycles: u32,
+    /// Time for which a lost tag is looked for with the best action, and then as long with one drawn from the others, in turn,
+    /// seconds (0 to 1e6), but no less than [`LEAST_TURN_CYCLES`]; 0: always with the best.
+    pub patience_s: f32,
 }
 
 /// pi = softmax(J / tau) with a floor, over the actions allowed; zero for the rest.
@@ -116,14 +120,15 @@ pub fn draw_other<const ACTIONS: usize>(
     others().nth(drawn as usize).map(|(action, _)| action)
 }
 
-/// An action to try for one cycle: with probability epsilon one drawn from the policy.
+/// An action to try for one cycle of `elapsed_s` seconds, now and then: one drawn from the policy.
 pub fn explore<const ACTIONS: usize>(
     policy: &[f32; ACTIONS],
     allowed: &Allowed<ACTIONS>,
     choice: &Choice,
+    elapsed_s: f32,
     rng: &mut impl Rng,
 ) -> Option<usize> {
-    if uniform(rng) > choice.exploration {
+    if uniform(rng) > probability(choice.exploration_per_s, elapsed_s) {
         return None;
     }
     let mut left = uniform(rng);
@@ -181,15 +186,15 @@ mod tests {
         let all = [true; 4];
         let pi = policy(&values, &all, 0.1);
         let still =
-            Choice { temperature_nat: 0.1, exploration: 0.0, hysteresis_nat: 0.05, patience_cycles: 0 };
+            Choice { temperature_nat: 0.1, exploration_per_s: 0.0, hysteresis_nat: 0.05, patience_s: 0.0 };
         assert_eq!(settle(&values, &all, 0, &still), 0);
-        assert_eq!(explore(&pi, &all, &still, &mut rng), None);
+        assert_eq!(explore(&pi, &all, &still, 0.1, &mut rng), None);
         let keen = Choice { hysteresis_nat: 0.0, ..still };
         assert_eq!(settle(&values, &all, 0, &keen), 2);
-        let curious = Choice { exploration: 1.0, ..still };
+        let curious = Choice { exploration_per_s: 1e3, ..still };
         let mut seen = [false; 4];
         for _ in 0..200 {
-            if let Some(action) = explore(&pi, &all, &curious, &mut rng) {
+            if let Some(action) = explore(&pi, &all, &curious, 0.1, &mut rng) {
                 seen[action] = true;
             }
         }

@@ -22,7 +22,7 @@ pub enum Reward {
     },
 }
 
-/// No reward is larger than this, either way: beyond it covariances have left the range of sense.
+/// Guard: against overflow of the values learnt: no reward is larger than this, either way. Beyond it covariances have left the range of sense.
 const LARGEST: f32 = 100.0;
 
 /// Reward of a cycle from the agent's covariance before prediction, after prediction and after the update; within

@@ -1,8 +1,13 @@
 //! Clutter memory: how many measurements of each anchor belong to nothing known.
 
-use crate::config::{AssociationSettings, Ranging};
+use crate::model::clock::gain;
 use crate::model::measurement::Clutter;
+use crate::model::measurement::Ranging;
+use crate::perceptor::association::AssociationSettings;
 use crate::real::larger;
+
+/// How fast the number changes, as the variance of its walk per second over that of one count.
+const WALK_PER_S: f32 = 0.026;
 
 /// Mean number of measurements per scan that belong to nothing known, by anchor.
 #[derive(Clone, Debug)]
@@ -27,10 +32,12 @@ impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
         }
     }
 
-    /// Enters the expected number of measurements of a scan that belong to nothing known.
-    pub fn observe(&mut self, anchor: usize, expected: f32) {
+    /// Enters the expected number of measurements of a scan that belong to nothing known, `elapsed_s` seconds after the last.
+    pub fn observe(&mut self, anchor: usize, expected: f32, elapsed_s: f32) {
+        let gain = gain(WALK_PER_S, elapsed_s);
         if let Some(unexplained) = self.unexplained.get_mut(anchor) {
-            *unexplained = larger(0.95 * *unexplained + 0.05 * expected, self.settings.clutter_per_anchor);
+            *unexplained =
+                larger(*unexplained + gain * (expected - *unexplained), self.settings.clutter_per_anchor);
         }
     }
 

@@ -1,14 +1,14 @@
 //! Environment memory: which virtual anchors exist, and how sure that is.
 //!
 //! The state filter holds where they are; this memory holds that they are. Existence follows the Bernoulli
-//! recursion r <- P_s r between scans and the association's posterior after each; a virtual anchor is confirmed
-//! above 0.5 and forgotten below 1e-3, or after 200 scans without the path that was expected. A virtual anchor that is
-//! hidden (its SINR says so) neither proves nor disproves that it exists, and keeps its existence; one that was never seen
-//! loses it slowly.
+//! recursion r <- exp(-rate dt) r with time and the association's posterior after each; a virtual anchor is confirmed
+//! above 0.5 and forgotten below 1e-3. A virtual anchor that is hidden (its SINR says so) neither proves nor disproves that
+//! it exists, and keeps its existence; one that was never seen loses it slowly.
 
-use crate::model::range::Regression;
+use crate::model::clock::probability;
 use crate::model::source::Source;
 use crate::perceptor::association::outcome::AssociatedScan;
+use crate::perceptor::expectation::Sighting;
 use crate::real::smaller;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
@@ -17,15 +17,9 @@ use nalgebra::{Matrix2, Vector2};
 pub const CONFIRMED: f32 = 0.5;
 /// Existence below which it is forgotten.
 const FORGOTTEN: f32 = 1e-3;
-/// Scans without a path, since the last with one, after which it is forgotten; only those in which one was expected
-/// count.
-const MISSES: u16 = 200;
-/// Detection probability up to which a virtual anchor counts as hidden, and above which a path is expected.
-const HIDDEN: f32 = 0.1;
-const EXPECTED: f32 = 0.5;
-/// What hides a virtual anchor that was never seen hides it for many cycles: five looks
-/// from there are worth one.
-const REPEATED_LOOK: f32 = 0.2;
+/// What hides a virtual anchor that was never seen does so for a while, in which looking again tells nothing new: so many
+/// independent looks in a second.
+const LOOKS_PER_S: f32 = 2.0;
 /// Existence is never certain: a wall can be taken down.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -59,8 +53,8 @@ pub struct Record {
     pub anchor: usize,
     /// Probability that it exists.
     pub existence: f32,
-    /// Scans without the path that was expected, since the last with one.
-    pub misses: u16,
+    /// Whether its path could be seen in the last scan.
+    pub sighting: Sighting,
     /// Scans with a path.
     pub hits: u32,
 }
@@ -96,47 +90,50 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
     /// Fills a free slot with a virtual anchor seen `hits` times so far; does nothing where it is taken or does not exist.
     pub fn insert(&mut self, slot: usize, anchor: usize, existence: f32, hits: u32) {
         if let Some(record @ None) = self.records.get_mut(slot) {
-            *record = Some(Record { anchor, existence: smaller(existence, MOST_CERTAIN), misses: 0, hits });
+            *record = Some(Record {
+                anchor,
+                existence: smaller(existence, MOST_CERTAIN),
+                sighting: Sighting::Open,
+                hits,
+            });
         }
     }
 
-    /// Existence of the virtual anchor in `slot` before a scan: P_s r, or r where it is hidden.
-    pub fn expected_existence(&self, slot: usize, survival: f32, detection: f32) -> f32 {
-        let survival = if detection <= HIDDEN { 1.0 } else { survival };
-        self.get(slot).map_or(0.0, |record| smaller(record.existence * survival, MOST_CERTAIN))
-    }
-
-    /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and how probable it was.
-    pub fn remember(&mut self, slot: usize, existence: f32, seen: bool, detection: f32) {
-        if let Some(Some(record)) = self.records.get_mut(slot) {
-            let drop = record.existence - existence;
-            // Where a path is hardly expected, having none tells little; having one tells as much as ever.
-            let existence = match detection <= HIDDEN && drop > 0.0 {
-                true if record.hits > 0 => record.existence,
-                true => record.existence - REPEATED_LOOK * drop,
-                false => existence,
-            };
-            record.existence = smaller(existence, MOST_CERTAIN);
-            if seen {
-                record.misses = 0;
-                record.hits = record.hits.saturating_add(1);
-            } else if detection > EXPECTED {
-                record.misses = record.misses.saturating_add(1);
+    /// Moves ahead: virtual anchors cease to exist now and then, but for those that are hidden, of which nothing is learnt.
+    pub fn predict(&mut self, disappearance_per_s: f32, elapsed_s: f32) {
+        let gone = probability(disappearance_per_s, elapsed_s);
+        for record in self.records.iter_mut().flatten() {
+            if record.sighting == Sighting::Open {
+                record.existence -= record.existence * gone;
             }
         }
     }
 
-    /// Enters the outcome of a scan for every virtual anchor of its anchor; `detection` is the probability that the path of a
-    /// regression was found.
-    pub fn observe<const PATHS: usize>(
-        &mut self,
-        associated: &AssociatedScan<'_, VAS, PATHS>,
-        detection: impl Fn(&Self, &Regression) -> f32,
-    ) {
-        for (regression, belief) in associated.features() {
+    /// Enters the outcome of a scan for every virtual anchor of its anchor.
+    pub fn observe<const PATHS: usize>(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
+        let look = probability(LOOKS_PER_S, associated.scan.elapsed_s);
+        for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
             if let Source::Virtual { slot, .. } = regression.source {
-                let detection = detection(self, regression);
-                self.remember(slot, belief.existence, belief.missed < 0.5, detection);
+                self.remember(slot, belief.existence, belief.missed < 0.5, view.sighting, look);
+            }
+        }
+    }
+
+    /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and whether it could be;
+    /// `look` is the probability that it tells something new of what is hidden.
+    fn remember(&mut self, slot: usize, existence: f32, seen: bool, sighting: Sighting, look: f32) {
+        if let Some(Some(record)) = self.records.get_mut(slot) {
+            let drop = record.existence - existence;
+            // Where a path is hardly expected, having none tells little; having one tells as much as ever.
+            let existence = match sighting == Sighting::Hidden && drop > 0.0 {
+                true if record.hits > 0 => record.existence,
+                true => record.existence - look * drop,
+                false => existence,
+            };
+            record.existence = smaller(existence, MOST_CERTAIN);
+            record.sighting = sighting;
+            if seen {
+                record.hits = record.hits.saturating_add(1);
             }
         }
     }
@@ -182,7 +179,7 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
     pub fn revise(&mut self, placed: impl Fn(usize) -> Option<Placed>) -> Vec<usize, VAS> {
         let mut forgotten = Vec::new();
         for slot in 0..VAS {
-            if self.get(slot).is_some_and(|record| record.existence < FORGOTTEN || record.misses > MISSES) {
+            if self.get(slot).is_some_and(|record| record.existence < FORGOTTEN) {
                 self.remove(slot);
                 // One per slot at most: the pushes succeed.
                 let _ = forgotten.push(slot);
@@ -253,27 +250,30 @@ mod tests {
     use super::*;
 
     /// Existence after `scans` scans without a path that is there with probability `detection`.
-    fn after_misses(hits: u32, detection: f32, scans: usize) -> f32 {
+    fn after_misses(hits: u32, detection: f32, sighting: Sighting, scans: usize) -> f32 {
         let mut memory = EnvironmentMemory::<1>::default();
         memory.insert(0, 0, 0.9, hits);
         for _ in 0..scans {
-            let r = memory.expected_existence(0, 0.999, detection);
+            memory.predict(0.01, 0.1);
+            let r = memory.get(0).map_or(0.0, |record| record.existence);
             // Bernoulli: missed although it exists, or because it does not.
             let missed = r * (1.0 - detection) / (1.0 - r * detection);
-            memory.remember(0, missed, false, detection);
+            memory.remember(0, missed, false, sighting, probability(LOOKS_PER_S, 0.1));
         }
         memory.get(0).map_or(0.0, |record| record.existence)
     }
 
     #[test]
     fn what_is_missed_where_it_is_expected_is_forgotten_and_what_is_hidden_is_not() {
-        assert!(after_misses(5, 0.95, 5) < FORGOTTEN);
-        assert!(after_misses(5, HIDDEN, 10_000) == 0.9);
+        assert!(after_misses(5, 0.95, Sighting::Open, 5) < FORGOTTEN);
+        // A path that is hardly ever detected is no hidden one.
+        assert!(after_misses(5, 0.1, Sighting::Open, 100) < FORGOTTEN);
+        assert!(after_misses(5, 0.1, Sighting::Hidden, 10_000) > 0.898);
     }
 
     #[test]
     fn what_a_plan_tells_of_and_nobody_sees_fades_in_hundreds_of_scans() {
-        assert!(after_misses(0, HIDDEN, 100) > CONFIRMED * 0.5);
-        assert!(after_misses(0, HIDDEN, 1000) < FORGOTTEN);
+        assert!(after_misses(0, 0.1, Sighting::Hidden, 100) > CONFIRMED * 0.5);
+        assert!(after_misses(0, 0.1, Sighting::Hidden, 1000) < FORGOTTEN);
     }
 }

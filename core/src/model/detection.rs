@@ -6,10 +6,15 @@
 
 use crate::real::{exp, larger, limited, sqrt};
 
-/// Logistic slope that comes closest to the normal distribution.
-const LOGISTIC: f32 = 1.702;
-/// The same for the difference of roots instead of doubled ones.
+/// Mathematics: logistic slope that comes closest to the normal distribution.
+pub const LOGISTIC: f32 = 1.702;
+/// Mathematics: the same for the difference of roots instead of doubled ones.
 const LOGISTIC_ROOTS: f32 = LOGISTIC * core::f32::consts::SQRT_2;
+
+/// Guard: against taking a hidden path for one that never comes: detection probability of a path that is hidden at present, and
+/// of a virtual anchor that a floor plan tells of and that was never seen: most are hidden from most places, and a few steps on
+/// another one comes out. No memory of misses may make it less, or a path that comes back would go to a false neighbour.
+pub const HIDDEN_DETECTION: f32 = 0.1;
 
 /// Probability (0 to 1) that a path of `sinr` passes `threshold`, both on normalised energy.
 pub fn detection_probability(sinr: f32, threshold: f32) -> f32 {
@@ -21,8 +26,8 @@ pub fn missed_odds(sinr_root: f32, threshold_root: f32) -> f32 {
     exp(LOGISTIC_ROOTS * (threshold_root - sinr_root))
 }
 
-/// Least density of false alarms of any strength, over that of all: what else a radio may do.
-const LEAST_FALSE_ALARM: f32 = 1e-4;
+/// Guard: against certainty that no false alarm is so strong, whatever a radio may do: their least density, over that of all.
+pub const LEAST_FALSE_ALARM: f32 = 1e-4;
 
 /// Density of false alarms of `sinr` over that of all that pass `threshold`, 1e-4 to 1.
 ///

@@ -2,6 +2,30 @@
 
 use crate::real::sqrt;
 
+/// What a range is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Ranging {
+    /// Factor on every measurement variance (1 to 100). Above 1, the filter forgives errors that the bound does
+    /// not know of; 2.25 is common.
+    pub variance_inflation: f32,
+    /// Standard deviation that no range goes below, metres (1e-3 to 10): calibration, wall delays.
+    pub floor_m: f32,
+    /// Mean of the range bias expected of every anchor, metres (-10 to 10).
+    pub bias_mean_m: f32,
+    /// Its standard deviation, metres (0 to 10). Above 0, one bias per anchor is estimated.
+    pub bias_std_m: f32,
+    /// Ranges beyond this are refused, metres (1 to 1e4).
+    pub max_range_m: f32,
+}
+
+impl Ranging {
+    /// The variance the filter works with: inflated, and never below the floor.
+    pub(crate) fn measurement_variance_m2(&self, variance_m2: f32) -> f32 {
+        self.variance_inflation * variance_m2 + self.floor_m * self.floor_m
+    }
+}
+
 /// A measurement as association and filter see it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -3,6 +3,7 @@
 
 pub mod anchor;
 pub mod channel;
+pub mod clock;
 pub mod detection;
 pub mod measurement;
 pub mod motion;

@@ -1,20 +1,45 @@
-//! How the tag moves: position and velocity driven by white acceleration.
+//! How the tag moves: a position, and a velocity that decays to zero, driven by white acceleration.
+//!
+//! dp = v dt, dv = -v / tau dt + dw, w of spectral density q per axis (Ornstein and Uhlenbeck 1930): a tag of which nothing is
+//! heard comes to rest. With tau infinite it is the published model of nearly constant velocity. Over a step dt, with
+//! a = dt / tau and e = exp(-a), exactly:
+//!
+//! p <- p + tau (1 - e) v, v <- e v, Q_vv = q tau / 2 (1 - e^2), Q_pv = q tau^2 / 2 (1 - e)^2,
+//! Q_pp = q tau^3 (a - 2 (1 - e) + (1 - e^2) / 2),
+//!
+//! so that cutting a step in two changes nothing but rounding.
 
+use crate::real::expm1;
 use nalgebra::{Matrix4, Vector4};
 
-/// How the tag moves and how much the map breathes.
+/// How the tag moves and how much the map changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Motion {
-    /// Standard deviation of the tag's acceleration per axis, m/s^2 (1e-6 to 100). Larger follows turns faster
-    /// and averages less.
-    pub acceleration_std_m_s2: f32,
-    /// Random walk of each virtual anchor per cycle and axis, metres (1e-7 to 1); those known exactly stay. Larger
-    /// forgets map errors faster.
-    pub virtual_anchor_walk_m: f32,
+    /// Spectral density of the white acceleration per axis, m^2/s^3 (1e-12 to 1e4). Larger follows turns faster and averages
+    /// less. An acceleration of deviation s that is constant for T seconds at a time has s^2 T.
+    pub acceleration_density_m2_s3: f32,
+    /// Time constant with which a velocity decays to zero, seconds (at least 0.1); infinite: constant velocity, as published.
+    /// Shorter expects the tag to stop or turn sooner.
+    pub velocity_decay_s: f32,
+    /// Random walk of each virtual anchor per axis, metres per square root of a second (1e-7 to 1); those known exactly
+    /// stay. Larger forgets map errors faster.
+    pub virtual_anchor_walk_m_sqrt_s: f32,
     /// The position's standard deviation never exceeds this, metres (1 to 1e4): a tag that is still heard is within
     /// reach, however long it was not.
     pub position_std_limit_m: f32,
+}
+
+/// Where the tag is believed to be before the first cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Start {
+    /// Position, metres (within 10 km of the origin).
+    pub position_m: [f32; 2],
+    /// Its standard deviation per axis, metres (1e-3 to 1e3).
+    pub position_std_m: f32,
+    /// Standard deviation of the velocity per axis around zero, m/s (1e-3 to 1e3).
+    pub velocity_std_m_s: f32,
 }
 
 /// The tag alone: mean and covariance of x = [p, v].
@@ -38,11 +63,14 @@ pub struct ProcessNoise {
 }
 
 impl ProcessNoise {
-    /// Of an acceleration of this standard deviation that is constant for `elapsed_s` seconds.
-    pub fn new(acceleration_std_m_s2: f32, elapsed_s: f32) -> Self {
-        let velocity_m2_s2 = acceleration_std_m_s2 * acceleration_std_m_s2 * (elapsed_s * elapsed_s);
+    /// Of a velocity that changes once in `elapsed_s` seconds, at any time, by this variance.
+    pub fn of_turn(velocity_m2_s2: f32, elapsed_s: f32) -> Self {
         let cross_m2_s = velocity_m2_s2 * (0.5 * elapsed_s);
-        Self { position_m2: cross_m2_s * (0.5 * elapsed_s), cross_m2_s, velocity_m2_s2 }
+        Self {
+            position_m2: velocity_m2_s2 * (elapsed_s * elapsed_s) * (1.0 / 3.0),
+            cross_m2_s,
+            velocity_m2_s2,
+        }
     }
 
     /// C <- C + Q.
@@ -58,29 +86,152 @@ impl ProcessNoise {
     }
 }
 
-/// C <- F C F' of a step at constant velocity, `elapsed_s` seconds long.
-pub fn carry(c: &mut Matrix4<f32>, elapsed_s: f32) {
-    let dt = elapsed_s;
-    let pv12 = c.m32 + c.m41;
-    c.m11 = c.m11 + dt * (2.0 * c.m31) + dt * dt * c.m33;
-    c.m21 = c.m21 + dt * pv12 + dt * dt * c.m43;
-    c.m22 = c.m22 + dt * (2.0 * c.m42) + dt * dt * c.m44;
-    c.m31 += dt * c.m33;
-    c.m32 += dt * c.m43;
-    c.m41 += dt * c.m43;
-    c.m42 += dt * c.m44;
-    c.m12 = c.m21;
-    c.m13 = c.m31;
-    c.m23 = c.m32;
-    c.m14 = c.m41;
-    c.m24 = c.m42;
-    c.m34 = c.m43;
+/// The motion over one step of time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionStep {
+    /// How far a velocity carries, seconds: tau (1 - e).
+    pub drift_s: f32,
+    /// What is left of a velocity: e.
+    pub decay: f32,
+    /// What acceleration adds.
+    pub noise: ProcessNoise,
 }
 
-/// F C F' + Q.
-pub fn predicted(c: &Matrix4<f32>, elapsed_s: f32, acceleration_std_m_s2: f32) -> Matrix4<f32> {
-    let mut predicted = *c;
-    carry(&mut predicted, elapsed_s);
-    ProcessNoise::new(acceleration_std_m_s2, elapsed_s).add_to(&mut predicted);
-    predicted
+/// Below this a = dt / tau, the closed form of Q_pp loses digits: its series is taken.
+const SERIES_BELOW: f32 = 0.5;
+/// Coefficients of the series of (a - 2 (1 - e^-a) + (1 - e^-2a) / 2) / a^3: of a^n, (-1)^n (2^(n+2) - 2) / (n + 3)!.
+const SERIES: [f32; 8] = [
+    1.0 / 3.0,
+    -1.0 / 4.0,
+    7.0 / 60.0,
+    -1.0 / 24.0,
+    31.0 / 2520.0,
+    -1.0 / 320.0,
+    127.0 / 181_440.0,
+    -17.0 / 120_960.0,
+];
+
+impl Motion {
+    /// Over `elapsed_s` seconds.
+    pub fn step(&self, elapsed_s: f32) -> MotionStep {
+        let dt = elapsed_s;
+        let a = dt / self.velocity_decay_s;
+        let lost = -expm1(-a);
+        // Shares of their values at constant velocity; 1 where a is 0.
+        let (drift, spread) = if a > 0.0 { (lost / a, -expm1(-2.0 * a) / (2.0 * a)) } else { (1.0, 1.0) };
+        let reach = if a < SERIES_BELOW {
+            SERIES.iter().rev().fold(0.0, |sum, coefficient| sum * a + coefficient)
+        } else {
+            (a - 2.0 * lost - 0.5 * expm1(-2.0 * a)) / (a * a * a)
+        };
+        let velocity = self.acceleration_density_m2_s3 * dt;
+        MotionStep {
+            drift_s: dt * drift,
+            decay: 1.0 - lost,
+            noise: ProcessNoise {
+                position_m2: velocity * (dt * dt) * reach,
+                cross_m2_s: velocity * (0.5 * dt) * (drift * drift),
+                velocity_m2_s2: velocity * spread,
+            },
+        }
+    }
+}
+
+impl MotionStep {
+    /// x <- F x.
+    pub fn carry_mean(&self, x: &mut Vector4<f32>) {
+        x.x += self.drift_s * x.z;
+        x.y += self.drift_s * x.w;
+        x.z *= self.decay;
+        x.w *= self.decay;
+    }
+
+    /// C <- F C F' + Q.
+    pub fn carry_covariance(&self, c: &mut Matrix4<f32>) {
+        let (drift, decay) = (self.drift_s, self.decay);
+        let crossed = c.m32 + c.m41;
+        c.m11 = c.m11 + drift * (2.0 * c.m31) + drift * drift * c.m33;
+        c.m21 = c.m21 + drift * crossed + drift * drift * c.m43;
+        c.m22 = c.m22 + drift * (2.0 * c.m42) + drift * drift * c.m44;
+        c.m31 = (c.m31 + drift * c.m33) * decay;
+        c.m32 = (c.m32 + drift * c.m43) * decay;
+        c.m41 = (c.m41 + drift * c.m43) * decay;
+        c.m42 = (c.m42 + drift * c.m44) * decay;
+        c.m33 *= decay * decay;
+        c.m43 *= decay * decay;
+        c.m44 *= decay * decay;
+        c.m12 = c.m21;
+        c.m23 = c.m32;
+        c.m14 = c.m41;
+        c.m34 = c.m43;
+        self.noise.add_to(c);
+    }
+
+    /// F C F' + Q.
+    pub fn predicted(&self, c: &Matrix4<f32>) -> Matrix4<f32> {
+        let mut predicted = *c;
+        self.carry_covariance(&mut predicted);
+        predicted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn motion(velocity_decay_s: f32) -> Motion {
+        Motion {
+            acceleration_density_m2_s3: 0.3,
+            velocity_decay_s,
+            virtual_anchor_walk_m_sqrt_s: 1e-4,
+            position_std_limit_m: 30.0,
+        }
+    }
+
+    /// Moments of the differential equation, integrated in f64 by small steps of the midpoint rule.
+    fn integrated(decay_s: f64, density: f64, elapsed_s: f64) -> [f64; 5] {
+        let steps = 20_000;
+        let dt = elapsed_s / f64::from(steps);
+        // Drift and decay of a velocity of 1; the covariance from zero.
+        let rate = |[_, v, _, xv, vv]: [f64; 5]| {
+            [v, -v / decay_s, 2.0 * xv, vv - xv / decay_s, density - 2.0 * vv / decay_s]
+        };
+        let mut y = [0.0, 1.0, 0.0, 0.0, 0.0];
+        for _ in 0..steps {
+            let half: [f64; 5] = core::array::from_fn(|i| y[i] + 0.5 * dt * rate(y)[i]);
+            y = core::array::from_fn(|i| y[i] + dt * rate(half)[i]);
+        }
+        y
+    }
+
+    #[test]
+    fn a_step_has_the_moments_of_the_differential_equation() {
+        for decay_s in [0.1_f32, 0.7, 1.5, 1.99, 2.01, 20.0, 1e4, f32::INFINITY] {
+            for elapsed_s in [1e-3_f32, 0.1, 1.0, 30.0] {
+                let step = motion(decay_s).step(elapsed_s);
+                let ProcessNoise { position_m2, cross_m2_s, velocity_m2_s2 } = step.noise;
+                let found = [step.drift_s, step.decay, position_m2, cross_m2_s, velocity_m2_s2];
+                let expected = integrated(f64::from(decay_s), 0.3_f32.into(), elapsed_s.into());
+                for (found, expected) in found.iter().zip(expected) {
+                    let error = (f64::from(*found) - expected).abs();
+                    assert!(error < 2e-5 * expected + 1e-12, "{decay_s} {elapsed_s}: {found} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn cutting_a_step_changes_nothing_but_rounding() {
+        let c = Matrix4::from_diagonal(&Vector4::new(0.04, 0.09, 1.0, 0.25));
+        for decay_s in [0.3, 1.5, 10.0, f32::INFINITY] {
+            let whole = motion(decay_s).step(1.0).predicted(&c);
+            for parts in [2, 10, 100] {
+                let step = motion(decay_s).step(1.0 / parts as f32);
+                let cut = (0..parts).fold(c, |c, _| step.predicted(&c));
+                for (whole, cut) in whole.iter().zip(cut.iter()) {
+                    assert!((whole - cut).abs() <= 1e-5 * whole.abs(), "{decay_s} {parts}: {whole} {cut}");
+                }
+            }
+        }
+    }
 }

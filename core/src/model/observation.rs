@@ -217,6 +217,28 @@ pub(crate) fn check_frame(frame: &Frame<'_>, rules: &FrameRules) -> Result<(), E
     Ok(())
 }
 
+/// The tag's height as it is told: a mean with a deviation, in the frame of the anchors' heights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TagHeight {
+    /// Mean, metres (-1000 to 1000).
+    pub mean_m: f32,
+    /// Standard deviation, metres (0 to 100). The larger, the less ranges count of anchors seen steeply from the tag.
+    pub std_m: f32,
+}
+
+impl TagHeight {
+    /// A height known exactly.
+    pub const fn exact(mean_m: f32) -> Self {
+        Self { mean_m, std_m: 0.0 }
+    }
+
+    /// Whether both are within their limits; not with NaN.
+    pub(crate) fn is_in_range(&self) -> bool {
+        abs(self.mean_m) <= 1000.0 && self.std_m >= 0.0 && self.std_m <= 100.0
+    }
+}
+
 /// Checks a scan's length and every one of its ranges.
 pub(crate) fn check_scan(scan: &RangeScan<'_>, max_range_m: f32) -> Result<(), Error> {
     let anchor = scan.anchor;

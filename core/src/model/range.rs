@@ -4,12 +4,16 @@
 //! range's variance; the rest is its curvature.
 
 use super::source::Source;
-use crate::real::{larger, sqrt};
+use crate::real::{abs, larger, sqrt};
 
 /// Least variance that sigma points are spread by, square metres: guard of the division by their spread.
 pub const SMALLEST_SPREAD_M2: f32 = 1e-12;
+/// Shortest range divided by, metres: guard of the slope of a range of no length.
+const SHORTEST_M: f32 = 1e-6;
 /// Spread of the sigma points, standard deviations.
 pub const SIGMA_POINT: f32 = 1.732_050_8;
+/// Guard: against the division by it: least squared radius of the circle that a range leaves of a height, square metres.
+pub const LEAST_RADIUS2_M2: f32 = 1e-4;
 
 /// Statistical linear regression of one range on the state, taken at the prior.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,9 +78,22 @@ pub struct DistanceRegression {
     pub explained_m2: f32,
 }
 
+/// Variance of a range (square metres) that comes of the height of its ends' difference: of mean `height_m` and deviation
+/// `height_std_m`, at a range of `range_m` (metres). To first order: (z height_std)^2, z = height / range its slope. Exactly 0
+/// for a height that is exact.
+pub fn height_variance_m2(height_m: f32, height_std_m: f32, range_m: f32) -> f32 {
+    let along = height_m / larger(larger(range_m, abs(height_m)), SHORTEST_M) * height_std_m;
+    along * along
+}
+
 /// Five-point unscented regression of sqrt(|d|^2 + height^2) for d of mean `distance` (metres) and covariance `spread`
-/// (xx, yx, yy; square metres).
-pub fn regress_distance(distance: [f32; 2], spread: [f32; 3], height_m: f32) -> DistanceRegression {
+/// (xx, yx, yy; square metres); the height's deviation `height_std_m` is part of what the line does not explain.
+pub fn regress_distance(
+    distance: [f32; 2],
+    spread: [f32; 3],
+    height_m: f32,
+    height_std_m: f32,
+) -> DistanceRegression {
     let [dx, dy] = distance;
     let [sxx, syx, syy] = spread;
     let l11 = sqrt(larger(sxx, SMALLEST_SPREAD_M2));
@@ -94,7 +111,7 @@ pub fn regress_distance(distance: [f32; 2], spread: [f32; 3], height_m: f32) -> 
     DistanceRegression {
         range_m: centre + offset,
         slope: [gx, gy],
-        residual_m2: residual,
+        residual_m2: residual + height_variance_m2(height_m, height_std_m, centre),
         explained_m2: explained,
     }
 }

@@ -6,8 +6,10 @@
 
 use crate::real::{larger, smaller};
 
-/// Most that one update may shrink a variance, 2^-10: guard of positive definiteness in f32.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
+/// Guard: against covariances that f32 no longer holds positive definite: most that one update may shrink a variance, 2^-10.
+pub const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
+/// Guard: against the division by it: total probability below which an association moves nothing.
+pub const LEAST_WEIGHT: f32 = 1e-3;
 
 /// The measurements associated with one source, summed up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -34,4 +34,6 @@ pub struct Sight {
     pub anchor_m: [f32; 2],
     /// Height of the physical anchor above the tag, metres; 0 where ranges are horizontal.
     pub height_m: f32,
+    /// Standard deviation of that height, metres.
+    pub height_std_m: f32,
 }

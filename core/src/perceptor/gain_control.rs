@@ -11,20 +11,21 @@
 //! in one, the level of what stands out begins anew there; where that is far higher than before, it is told by how much the
 //! unit was too large. Of other changes of action nothing such is concluded: what more stands out may be an interferer there.
 
+use crate::model::clock::gain;
 use crate::model::observation::Samples;
 use crate::real::{exp, larger, limited, ln};
 
-/// What stands out: this many times the white noise.
-const STANDS_OUT: f32 = 8.0;
-/// Standard deviation of ln of its sum about the mean, where pulses of 2 ns overlap; less elsewhere.
-const DEVIATION_LN: f32 = 0.4;
-/// A rise is any up to this.
-const MOST_LN: f32 = 10.0;
-/// Odds of no rise at no deviation: prior 49 to 1, and the density of the normal distribution over that of the even one.
-const ODDS: f32 = 49.0 * MOST_LN / (2.5066 * DEVIATION_LN);
-/// How fast the mean follows; within 1 nat of it, and by this share of that where the noise has changed for certain, or an
+/// Mathematics: what stands out: this many times the white noise, which 3 in 10 000 samples of noise alone exceed.
+pub const STANDS_OUT: f32 = 8.0;
+/// Mathematics: standard deviation of ln of its sum about the mean, fitted where pulses of 2 ns overlap; less elsewhere.
+pub const DEVIATION_LN: f32 = 0.4;
+/// Mathematics: end of the even distribution of a rise, nats; no unit changes by more.
+pub const MOST_LN: f32 = 10.0;
+/// Mathematics: odds of no rise at no deviation: prior 49 to 1, and the density of the normal distribution over that of the even one.
+pub const ODDS: f32 = 49.0 * MOST_LN / (2.5066 * DEVIATION_LN);
+/// How fast the mean changes, as the variance of its walk per second over that of one frame; it follows within 1 nat, and by this share of that where the noise has changed for certain, or an
 /// interferer stands out.
-const RATE: f32 = 0.1;
+const WALK_PER_S: f32 = 0.11;
 const CHANGED_SHARE: f32 = 0.1;
 
 /// What is known of the frames of one anchor.
@@ -38,12 +39,13 @@ pub struct GainControl {
 
 impl GainControl {
     /// The power, in squared units of the samples, to be taken as 1 in a frame received with `action`, with this level of
-    /// white noise; `loss_ln` is ln of the power lost to the reference carrier, `is_sought` says that a lost tag is sought with
+    /// white noise, `elapsed_s` seconds after the last; `loss_ln` is ln of the power lost to the reference carrier, `is_sought` says that a lost tag is sought with
     /// an action that is not the one held. Finite and positive.
     pub fn unit(
         &mut self,
         samples: Samples<'_>,
         white: f32,
+        elapsed_s: f32,
         action: usize,
         loss_ln: f32,
         is_sought: bool,
@@ -57,7 +59,7 @@ impl GainControl {
         let mean_ln = self.standing_ln.unwrap_or(standing_ln);
         let missing_ln = limited(mean_ln - standing_ln, -50.0, 50.0);
         let (fallen, risen) = (changed(-missing_ln), changed(missing_ln));
-        let rate = RATE * (1.0 - (1.0 - CHANGED_SHARE) * larger(fallen, risen));
+        let rate = gain(WALK_PER_S, elapsed_s) * (1.0 - (1.0 - CHANGED_SHARE) * larger(fallen, risen));
         self.standing_ln = Some(mean_ln - rate * limited(missing_ln, -1.0, 1.0));
         white * exp(-risen * limited(2.0 * missing_ln, 0.0, MOST_LN))
     }
@@ -123,8 +125,8 @@ mod tests {
         let magnitudes = powers.map(f32::sqrt);
         let complex = powers.map(|power| [0.0, power.sqrt()]);
         let mut copy = *control;
-        let of_complex = copy.unit(Samples::Complex(&complex), rise * gain, 0, 0.0, false);
-        let unit = control.unit(Samples::Magnitude(&magnitudes), rise * gain, 0, 0.0, false);
+        let of_complex = copy.unit(Samples::Complex(&complex), rise * gain, 0.1, 0, 0.0, false);
+        let unit = control.unit(Samples::Magnitude(&magnitudes), rise * gain, 0.1, 0, 0.0, false);
         assert!((of_complex / unit - 1.0).abs() < 1e-4);
         unit
     }
@@ -158,7 +160,7 @@ mod tests {
             let strength = 10_f32.powf(-0.02 * frame as f32);
             let mut samples = [1.0; 200];
             samples[20] = (1.0 + 1e4 * strength).sqrt();
-            let unit = control.unit(Samples::Magnitude(&samples), 1.0, 0, 0.0, false);
+            let unit = control.unit(Samples::Magnitude(&samples), 1.0, 0.1, 0, 0.0, false);
             assert!((unit - 1.0).abs() < 0.05, "{frame}: {unit}");
         }
     }
@@ -167,7 +169,7 @@ mod tests {
     fn path_in(control: &mut GainControl, action: usize, noise: f32, is_sought: bool) -> f32 {
         let mut samples = [noise.sqrt(); 200];
         samples[20] = (noise + 1e4).sqrt();
-        control.unit(Samples::Magnitude(&samples), noise, action, 0.0, is_sought)
+        control.unit(Samples::Magnitude(&samples), noise, 0.1, action, 0.0, is_sought)
     }
 
     /// Noise of 13 dB above the receiver's own from the first frame on, until a lost tag is found with another action: that
@@ -214,7 +216,7 @@ mod tests {
             for white in [0.0, 1e-38, 1.0, f32::MAX] {
                 for samples in [&[magnitude; 40][..], &[]] {
                     for is_sought in [false, true] {
-                        let unit = control.unit(Samples::Magnitude(samples), white, 0, 3.0, is_sought);
+                        let unit = control.unit(Samples::Magnitude(samples), white, 0.1, 0, 3.0, is_sought);
                         assert!(unit > 0.0 && unit.is_finite(), "{magnitude} {white}: {unit}");
                     }
                     assert!(control.found().is_none_or(|excess_ln| excess_ln > 0.0 && excess_ln <= 50.0));

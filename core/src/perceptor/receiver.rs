@@ -1,16 +1,16 @@
 //! Receiver: bad input is refused, frames become paths, and paths and ranges become one scan per anchor.
 
-use super::channel_estimator::ChannelEstimator;
+use super::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSettings};
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
-use crate::config::{Radio, Ranging};
 use crate::error::Error;
 use crate::model::measurement::Measurement;
+use crate::model::measurement::Ranging;
 use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
-use crate::observer::Observer;
+use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
-use crate::real::SPEED_OF_LIGHT_M_S;
+use crate::real::{SPEED_OF_LIGHT_M_S, smaller};
 use heapless::Vec;
 
 /// What the receiver is told of an anchor's link.
@@ -35,12 +35,15 @@ pub type Scans<const ANCHORS: usize, const PATHS: usize> = Vec<Scan<PATHS>, ANCH
 #[derive(Clone, Debug)]
 pub struct Receiver<const ANCHORS: usize, const PATHS: usize> {
     radio: Radio,
+    estimator_settings: EstimatorSettings,
     ranging: Ranging,
     /// Estimator for the pulse it was last used with; rebuilt when the pulse changes, so no state.
     estimator: ChannelEstimator<PATHS>,
     estimator_pulse: Pulse,
     gain_control: [GainControl; ANCHORS],
     last_sequence: [Option<u32>; ANCHORS],
+    /// Time since the last scan and the last frame of every anchor, seconds.
+    silent_s: [[f32; 2]; ANCHORS],
 }
 
 /// Which anchors have delivered a frame and ranges in a cycle.
@@ -58,15 +61,24 @@ impl<const ANCHORS: usize> Default for Delivered<ANCHORS> {
 
 impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     /// Nothing received yet; `pulse` is that of the first action.
-    pub fn new(radio: Radio, ranging: Ranging, pulse: Pulse) -> Self {
+    pub fn new(radio: Radio, estimator_settings: EstimatorSettings, ranging: Ranging, pulse: Pulse) -> Self {
         Self {
             radio,
+            estimator_settings,
             ranging,
-            estimator: build_estimator(&radio, pulse),
+            estimator: build_estimator(&radio, estimator_settings, pulse),
             estimator_pulse: pulse,
             gain_control: [GainControl::default(); ANCHORS],
             last_sequence: [None; ANCHORS],
+            silent_s: [[0.0; 2]; ANCHORS],
         }
+    }
+
+    /// Time passes.
+    pub fn advance(&mut self, elapsed_s: f32) {
+        // A day is as good as for ever.
+        let later = |silent_s: &mut f32| *silent_s = smaller(*silent_s + elapsed_s, 86_400.0);
+        self.silent_s.iter_mut().flatten().for_each(later);
     }
 
     /// Refuses a bad observation of one of the first `anchors`; `delivered` says what came before in the same cycle.
@@ -114,25 +126,26 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         Ok(())
     }
 
-    /// Takes an observation in that [`Self::check`] has passed.
-    pub fn receive<const VAS: usize, const ACTIONS: usize>(
+    /// Takes an observation in that [`Self::check`] has passed; `seen` is shown what was estimated of a frame.
+    pub fn receive<const ACTIONS: usize>(
         &mut self,
         scans: &mut Scans<ANCHORS, PATHS>,
         observation: &Observation<'_>,
         link: &LinkView,
         library: &Library<ACTIONS>,
-        observer: &mut impl Observer<VAS, PATHS>,
+        seen: impl FnOnce(&ChannelEstimate<PATHS>),
     ) {
         let anchor = observation.anchor();
         let place = scans.iter().position(|scan| scan.anchor >= anchor).unwrap_or(scans.len());
         if scans.get(place).is_none_or(|scan| scan.anchor != anchor) {
             // One per anchor: there is room.
-            let _ = scans.insert(place, Scan::new(anchor, link.expected));
+            let elapsed_s = self.silent_s.get_mut(anchor).map_or(0.0, |[scan_s, _]| core::mem::take(scan_s));
+            let _ = scans.insert(place, Scan::new(anchor, link.expected, elapsed_s));
         }
         let Some(scan) = scans.get_mut(place) else { return };
         match observation {
             Observation::Ranges(ranges) => self.take_ranges(ranges, scan),
-            Observation::Frame(frame) => self.take_frame(frame, scan, link, library, observer),
+            Observation::Frame(frame) => self.take_frame(frame, scan, link, library, seen),
         }
     }
 
@@ -149,23 +162,25 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
 
     // Stages are kept apart so that each reuses the stack of the one before.
     #[inline(never)]
-    fn take_frame<const VAS: usize, const ACTIONS: usize>(
+    fn take_frame<const ACTIONS: usize>(
         &mut self,
         frame: &Frame<'_>,
         scan: &mut Scan<PATHS>,
         link: &LinkView,
         library: &Library<ACTIONS>,
-        observer: &mut impl Observer<VAS, PATHS>,
+        seen: impl FnOnce(&ChannelEstimate<PATHS>),
     ) {
         let Some(action) = library.get(frame.action) else { return };
         let pulse = self.radio.pulse(action);
         if pulse != self.estimator_pulse {
-            self.estimator = build_estimator(&self.radio, pulse);
+            self.estimator = build_estimator(&self.radio, self.estimator_settings, pulse);
             self.estimator_pulse = pulse;
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
-        observer.estimate(frame.anchor, &estimate);
-        let unit = self.unit(frame, estimate.noise.white, link);
+        seen(&estimate);
+        let elapsed_s =
+            self.silent_s.get_mut(frame.anchor).map_or(0.0, |[_, frame_s]| core::mem::take(frame_s));
+        let unit = self.unit(frame, estimate.noise.white, link, elapsed_s);
         if let (Some(sequence), Some(last)) = (frame.sequence, self.last_sequence.get_mut(frame.anchor)) {
             *last = Some(sequence);
         }
@@ -176,6 +191,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             unit,
             first_sample_delay_s: frame.first_sample_delay_s,
             sample_spacing_s: radio.sample_spacing_s,
+            elapsed_s,
             threshold: estimator.threshold(),
             resolution_m: pulse.duration_s * SPEED_OF_LIGHT_M_S,
         });
@@ -196,7 +212,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     }
 
     /// What the powers of a frame with this level of white noise are measured in.
-    fn unit(&mut self, frame: &Frame<'_>, white: f32, link: &LinkView) -> f32 {
+    fn unit(&mut self, frame: &Frame<'_>, white: f32, link: &LinkView, elapsed_s: f32) -> f32 {
         let Some(gain_control) = self.gain_control.get_mut(frame.anchor) else { return 1.0 };
         if !self.radio.gain_control {
             return 1.0;
@@ -206,7 +222,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         let is_sought = link.is_lost
             && frame.action != link.held
             && (link.sought_with == own || gain_control.sought_with() == own);
-        gain_control.unit(frame.samples, white, frame.action, link.loss_ln, is_sought)
+        gain_control.unit(frame.samples, white, elapsed_s, frame.action, link.loss_ln, is_sought)
     }
 
     /// Whether the last frame of an anchor was one in which a lost tag was sought with another action than the one held.
@@ -229,12 +245,27 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         &self.last_sequence
     }
 
+    /// Time since the last scan and the last frame of every anchor, seconds.
+    pub fn silent_s(&self) -> &[[f32; 2]; ANCHORS] {
+        &self.silent_s
+    }
+
     /// Threshold on the normalised energy of a path, of the pulse last used.
     pub fn threshold(&self) -> f32 {
         self.estimator.threshold()
     }
 }
 
-fn build_estimator<const PATHS: usize>(radio: &Radio, pulse: Pulse) -> ChannelEstimator<PATHS> {
-    ChannelEstimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame)
+fn build_estimator<const PATHS: usize>(
+    radio: &Radio,
+    estimator: EstimatorSettings,
+    pulse: Pulse,
+) -> ChannelEstimator<PATHS> {
+    ChannelEstimator::new(
+        pulse,
+        radio.sample_spacing_s,
+        radio.samples_per_frame,
+        radio.false_paths_per_frame,
+        estimator,
+    )
 }

@@ -6,8 +6,8 @@ use crate::model::measurement::Measurement;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 use heapless::Vec;
 
-/// A path this much stronger may leave artefacts beside it, power ratio.
-const ARTEFACT_RATIO: f32 = 4.0;
+/// Guard: against artefacts that a path this much stronger leaves beside itself, power ratio.
+pub const ARTEFACT_RATIO: f32 = 4.0;
 
 /// What a frame says besides its paths.
 #[derive(Clone, Debug)]
@@ -20,6 +20,8 @@ pub struct FrameLevel {
     pub first_sample_delay_s: f32,
     /// Sample spacing, seconds.
     pub sample_spacing_s: f32,
+    /// Time since the anchor's last frame, seconds.
+    pub elapsed_s: f32,
     /// Threshold of the frame's pulse on the normalised energy of a path.
     pub threshold: f32,
     /// How far apart two paths must be to be told apart, metres.
@@ -33,6 +35,8 @@ pub struct Scan<const PATHS: usize> {
     pub anchor: usize,
     /// Index of the action.
     pub action: usize,
+    /// Time since the anchor's last scan, seconds.
+    pub elapsed_s: f32,
     /// Ranges, then paths.
     pub measurements: Vec<Measurement, PATHS>,
     /// `None` without a frame: only with one does a missing path say something about the carrier.
@@ -44,9 +48,9 @@ pub struct Scan<const PATHS: usize> {
 }
 
 impl<const PATHS: usize> Scan<PATHS> {
-    /// Nothing delivered yet.
-    pub fn new(anchor: usize, action: usize) -> Self {
-        Self { anchor, action, measurements: Vec::new(), frame: None, left_out: 0, ranges: 0 }
+    /// Nothing delivered yet, `elapsed_s` seconds after the last scan.
+    pub fn new(anchor: usize, action: usize, elapsed_s: f32) -> Self {
+        Self { anchor, action, elapsed_s, measurements: Vec::new(), frame: None, left_out: 0, ranges: 0 }
     }
 
     /// Whether a frame was received.
@@ -57,6 +61,11 @@ impl<const PATHS: usize> Scan<PATHS> {
     /// Threshold of the frame's pulse on the normalised energy of a path; 0 without a frame.
     pub fn threshold(&self) -> f32 {
         self.frame.as_ref().map_or(0.0, |frame| frame.threshold)
+    }
+
+    /// Time since the anchor's last frame, seconds; 0 without a frame.
+    pub fn since_frame_s(&self) -> f32 {
+        self.frame.as_ref().map_or(0.0, |frame| frame.elapsed_s)
     }
 
     /// How far apart two paths must be to be told apart, metres; 0 without a frame.

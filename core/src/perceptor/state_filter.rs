@@ -3,8 +3,8 @@
 //! State: agent x = [p, v] (position and velocity, 2-D), range bias b_j of each anchor (optional), virtual
 //! anchors a_k. Covariance in blocks: `C_xx`, `C_xb[j]`, `C_bb[j][i]`, `C_xa[k]`, `C_ba[k][j]`, `C_aa[k][l]`.
 //!
-//! **Prediction** is linear: x <- F x, C_xx <- F C_xx F' + sigma_a^2 G G', C_xa <- F C_xa, C_xb <- F C_xb, and a
-//! small random walk for the virtual anchors. Nothing else moves.
+//! **Prediction** is linear: x <- F x, C_xx <- F C_xx F' + Q, C_xa <- F C_xa, C_xb <- F C_xb
+//! ([`crate::model::motion`]), and a small random walk for the virtual anchors. Nothing else moves.
 //!
 //! **Measurement.** A range z = |d| + b depends on d = p - a alone (the anchor's height above the tag enters
 //! |d|). Five sigma points on the 2 x 2 covariance of d (centre weight 1/3, spread sqrt 3: all moments of a
@@ -22,8 +22,7 @@
 //!
 //! **Positive definite in f32.** Three things keep it so. An update is never allowed to shrink a variance by
 //! more than 2^-10 at once (a smaller measurement variance is raised to that, and the next cycle takes the
-//! rest). Each prediction adds 2^-19 of its own variance to every state, the size of the rounding errors of a
-//! cycle. Variances of the predicted range are sums of squares, never differences.
+//! rest). Each update first adds 2^-19 of its own variance to every state, the size of its rounding errors. Variances of the predicted range are sums of squares, never differences.
 //!
 //! **Exact.** A virtual anchor inserted with a deviation of 0 is known exactly: it has no variance and no covariance
 //! with anything, prediction leaves it out, every update moves it by w = 0. It stays where it is, to the bit, and its
@@ -33,7 +32,7 @@
 //! exceeds its limit is scaled back, C <- D C D with a diagonal D (which keeps C positive definite). A bias is
 //! limited to its prior, the position to the reach of the radio.
 
-use crate::model::motion::{Agent, Motion, ProcessNoise, carry};
+use crate::model::motion::{Agent, Motion, ProcessNoise};
 use crate::model::range::{Regression, SMALLEST_SPREAD_M2, regress_distance};
 use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::model::source::{Sight, Source};
@@ -41,7 +40,7 @@ use crate::perceptor::association::outcome::Innovation;
 use crate::real::{larger, sqrt};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 
-/// Relative growth of every variance per prediction, 2^-19: covers the rounding of a cycle's updates.
+/// Relative growth of every variance before the updates of a cycle, 2^-19: guard against their rounding.
 const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
 /// Largest variance of a velocity, (1 km/s)^2, and of a virtual anchor's coordinate, (1 km)^2.
 const VELOCITY_LIMIT: f32 = 1e6;
@@ -354,54 +353,76 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         }
     }
 
-    /// Moves the state `elapsed_s` seconds ahead. Returns nothing: linear, closed form, cannot fail.
+    /// Moves the state `elapsed_s` seconds ahead. Linear, in closed form: cannot fail.
     pub fn predict(&mut self, elapsed_s: f32) {
-        let dt = elapsed_s;
-        let agent = &mut self.mean.agent;
-        agent.x += dt * agent.z;
-        agent.y += dt * agent.w;
-
-        let noise = ProcessNoise::new(self.motion.acceleration_std_m_s2, dt);
-        let margin = 1.0 + ROUNDING_MARGIN;
+        let step = self.motion.step(elapsed_s);
+        step.carry_mean(&mut self.mean.agent);
         let c = &mut self.covariance;
-        carry(&mut c.xx, dt);
-        c.xx.m11 *= margin;
-        c.xx.m22 *= margin;
-        c.xx.m33 *= margin;
-        c.xx.m44 *= margin;
-        noise.add_to(&mut c.xx);
+        step.carry_covariance(&mut c.xx);
+        let (drift, decay) = (step.drift_s, step.decay);
         if self.estimate_bias {
-            for (j, cross) in c.xb.iter_mut().enumerate() {
-                cross.x += dt * cross.z;
-                cross.y += dt * cross.w;
-                if let Some(variance) = c.bb.get_mut(j).and_then(|row| row.get_mut(j)) {
-                    *variance *= margin;
-                }
+            for cross in &mut c.xb {
+                cross.x += drift * cross.z;
+                cross.y += drift * cross.w;
+                cross.z *= decay;
+                cross.w *= decay;
             }
         }
-        let walk = self.motion.virtual_anchor_walk_m * self.motion.virtual_anchor_walk_m;
-        // No update brings a variance down to 0: what has none is known exactly.
-        let walked = |variance: f32| if variance == 0.0 { 0.0 } else { variance * margin + walk };
+        let walk_m2 =
+            self.motion.virtual_anchor_walk_m_sqrt_s * self.motion.virtual_anchor_walk_m_sqrt_s * elapsed_s;
         for (k, ((cross, row), occupied)) in c.xa.iter_mut().zip(&mut c.aa).zip(&self.occupied).enumerate() {
             if !occupied {
                 continue;
             }
-            cross.m11 += dt * cross.m31;
-            cross.m21 += dt * cross.m41;
-            cross.m12 += dt * cross.m32;
-            cross.m22 += dt * cross.m42;
+            cross.m11 += drift * cross.m31;
+            cross.m21 += drift * cross.m41;
+            cross.m12 += drift * cross.m32;
+            cross.m22 += drift * cross.m42;
+            cross.m31 *= decay;
+            cross.m41 *= decay;
+            cross.m32 *= decay;
+            cross.m42 *= decay;
             if let Some(block) = row.get_mut(k) {
-                block.m11 = walked(block.m11);
-                block.m22 = walked(block.m22);
+                // What has no variance is known exactly.
+                if block.m11 > 0.0 {
+                    block.m11 += walk_m2;
+                }
+                if block.m22 > 0.0 {
+                    block.m22 += walk_m2;
+                }
             }
         }
         self.limit();
     }
 
-    /// After a prediction: as if the tag had accelerated at random over the same `elapsed_s` seconds by
-    /// `acceleration_std_m_s2` as well.
-    pub fn disturb(&mut self, acceleration_std_m_s2: f32, elapsed_s: f32) {
-        ProcessNoise::new(acceleration_std_m_s2, elapsed_s).add_to(&mut self.covariance.xx);
+    /// Adds the share of every variance that the rounding of an update may take.
+    fn cover_rounding(&mut self) {
+        let margin = 1.0 + ROUNDING_MARGIN;
+        let c = &mut self.covariance;
+        c.xx.m11 *= margin;
+        c.xx.m22 *= margin;
+        c.xx.m33 *= margin;
+        c.xx.m44 *= margin;
+        if self.estimate_bias {
+            for (j, row) in c.bb.iter_mut().enumerate() {
+                if let Some(variance) = row.get_mut(j) {
+                    *variance *= margin;
+                }
+            }
+        }
+        for (k, (row, occupied)) in c.aa.iter_mut().zip(&self.occupied).enumerate() {
+            if let Some(block) = row.get_mut(k)
+                && *occupied
+            {
+                block.m11 *= margin;
+                block.m22 *= margin;
+            }
+        }
+    }
+
+    /// After a prediction: as if this noise had acted over the same step as well.
+    pub fn disturb(&mut self, noise: &ProcessNoise) {
+        noise.add_to(&mut self.covariance.xx);
     }
 
     /// Takes the last disturbance back; `predicted` is the covariance of position and velocity from before it.
@@ -496,7 +517,7 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 ([agent.x - a.x, agent.y - a.y], spread, [xb.x - ba.x, xb.y - ba.y])
             }
         };
-        let line = regress_distance(distance, spread, sight.height_m);
+        let line = regress_distance(distance, spread, sight.height_m, sight.height_std_m);
         let [gx, gy] = line.slope;
         let mut explained_m2 = line.explained_m2;
         if self.estimate_bias {
@@ -515,6 +536,11 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
 
     /// Applies the innovations of one cycle, whose regressions must all have been taken since [`Self::predict`].
     pub fn update(&mut self, innovations: impl IntoIterator<Item = Innovation>) {
+        let mut innovations = innovations.into_iter().peekable();
+        if innovations.peek().is_none() {
+            return;
+        }
+        self.cover_rounding();
         let prior = self.mean.clone();
         let mut pending = Pending::<VAS, CHANGES_PER_PASS>::new();
         for innovation in innovations {

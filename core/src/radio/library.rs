@@ -81,7 +81,7 @@ const fn evenly_spaced<const N: usize>(first_hz: f32, step_hz: f32, pulse_durati
     actions
 }
 
-/// rho(x) = int P(f) P(f - x) df / int P^2 df of two raised-cosine spectra of roll-off 0.6 and unit width, at
+/// Mathematics: rho(x) = int P(f) P(f - x) df / int P^2 df of two raised-cosine spectra of roll-off 0.6 and unit width, at
 /// x = 0, 0.05, ..., 1.6; zero beyond.
 const OVERLAP: [f32; 33] = [
     1.000000, 0.993986, 0.976321, 0.948041, 0.910646, 0.865889, 0.815576, 0.761391, 0.704763, 0.646788,
@@ -89,7 +89,7 @@ const OVERLAP: [f32; 33] = [
     0.088235, 0.061831, 0.041251, 0.025979, 0.015265, 0.008232, 0.003977, 0.001657, 0.000559, 0.000136,
     0.000018, 0.000001, 0.000000,
 ];
-/// Entries of [`OVERLAP`] per unit of x.
+/// Mathematics: entries of [`OVERLAP`] per unit of x.
 const OVERLAP_STEPS: f32 = 20.0;
 
 /// Which entries of a library may be chosen.

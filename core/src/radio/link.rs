@@ -8,11 +8,12 @@
 //! Where one tag chooses for several anchors, one of them may be gone while the others answer. The tag then calls all of
 //! them to the rendezvous, for a few cycles ([`LinkStatus`]); an anchor that is out of reach is called again only now and then.
 
-/// Frames lost in a row after which an end goes to the rendezvous.
+/// Guard: against ends that wait for each other: frames lost in a row after which an end goes to the rendezvous. The same at both
+/// ends, so no setting of one.
 const LOST_FRAMES: u32 = 3;
-/// Cycles that the others wait at the rendezvous for one that is gone, the way there counted in.
+/// Guard: against an anchor that is left behind: cycles that the others wait at the rendezvous for one that is gone, the way there counted in.
 const CALL: u32 = 5;
-/// Cycles from one call to the next.
+/// Guard: against calling without end one that is out of reach: cycles from one call to the next.
 const CALL_AGAIN: u32 = 64;
 
 /// One end of a link.

@@ -7,22 +7,23 @@
 
 use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, larger, limited, sin, sqrt};
 
-/// Table steps per pulse duration.
-const STEPS: usize = 64;
-/// The pulse is taken as zero beyond this many pulse durations.
+/// Mathematics: grid of the table, steps per pulse duration.
+pub const STEPS: usize = 64;
+/// Mathematics: the pulse is taken as zero beyond this many pulse durations.
 pub const SUPPORT: usize = 4;
-/// Table entries: zero to [`SUPPORT`] pulse durations, and one more to interpolate into.
+/// Capacity: table entries: zero to [`SUPPORT`] pulse durations, and one more to interpolate into.
 const ENTRIES: usize = STEPS * SUPPORT + 2;
-/// Samples of a sampled pulse's autocorrelation, from lag zero on.
+/// Capacity: samples of a sampled pulse's autocorrelation, from lag zero on.
 pub const PULSE_SAMPLES: usize = 33;
-/// Time between them where the pulse is a limited one, pulse durations.
-const LAG: f32 = SUPPORT as f32 / (PULSE_SAMPLES - 1) as f32;
-/// Points of a limited pulse's spectrum.
-const BAND_POINTS: usize = 32;
-/// Pulses that end below this share of half the sampling rate are not limited, nor are those shorter than half a sample:
-/// what is left of them is longer than the table.
-const UNTOUCHED: f32 = 0.85;
-const LEAST_NYQUIST: f32 = 0.25;
+/// Mathematics: grid step between them where the pulse is a limited one, pulse durations.
+pub const LAG: f32 = SUPPORT as f32 / (PULSE_SAMPLES - 1) as f32;
+/// Mathematics: nodes of the integral over a limited pulse's spectrum.
+pub const BAND_POINTS: usize = 32;
+/// Guard: against work on pulses that the receiver keeps: those that end below this share of half the sampling rate.
+pub const UNTOUCHED: f32 = 0.85;
+/// Guard: against pulses shorter than half a sample, of which what is left is longer than the table: least half sampling rate,
+/// in inverse pulse durations.
+pub const LEAST_NYQUIST: f32 = 0.25;
 
 /// What a pulse looks like behind the matched filter.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,13 +9,12 @@ use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::{Anchor, MappedVirtualAnchor};
-use crate::model::observation::Observation;
+use crate::model::observation::{Observation, TagHeight};
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::Belief;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
-use crate::real::abs;
 use crate::report::CycleReport;
 use heapless::Vec;
 
@@ -71,11 +70,11 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             environment.insert(slot, mapped.anchor, 0.9, 0);
         }
         Ok(Self {
-            receiver: Receiver::new(config.radio, ranging, config.radio.pulse(first)),
-            belief: Belief::new(config.motion, start_speed_m_s, filter.agent()),
+            receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
+            belief: TagBelief::new(config.motion, start_speed_m_s, filter.agent(), config.acquisition),
             filter,
             environment,
-            discovery: Discovery::default(),
+            discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
             channel: ChannelMemory::new(config.controller.prior_sinr, config.controller.neighbours, &library),
             controllers: Controllers::new(config.controller, checked.len(), &library, seed),
@@ -97,9 +96,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &mut self,
         observations: &[Observation<'_>],
         elapsed_s: f32,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
     ) -> Result<CycleReport, Error> {
-        self.cycle_observed(observations, elapsed_s, tag_height_m, &mut ())
+        self.cycle_observed(observations, elapsed_s, tag_height, &mut ())
     }
 
     /// [`Self::cycle`], watched by an observer.
@@ -110,21 +109,23 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &mut self,
         observations: &[Observation<'_>],
         elapsed_s: f32,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
         observer: &mut impl Observer<VAS, PATHS>,
     ) -> Result<CycleReport, Error> {
         observer.stage(Stage::Receive);
-        let mut begun = self.check_begin(elapsed_s, tag_height_m)?;
+        let mut begun = self.check_begin(elapsed_s, tag_height)?;
         for observation in observations {
             self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
         }
         observer.stage(Stage::Estimate);
-        self.scans.clear();
-        self.begun = Some(begun);
+        self.begin(elapsed_s, tag_height)?;
         // By anchor, as the estimates are shown to the observer.
         for anchor in 0..self.anchors.len() {
             for observation in observations.iter().filter(|observation| observation.anchor() == anchor) {
-                self.take(observation, observer);
+                let link = self.link(observation);
+                self.receiver.receive(&mut self.scans, observation, &link, &self.library, |estimate| {
+                    observer.estimate(observation.anchor(), estimate);
+                });
             }
         }
         self.finish_observed(observer)
@@ -135,8 +136,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ///
     /// # Errors
     /// Bad input, or [`Error::AlreadyBegun`]; nothing has changed then.
-    pub fn begin(&mut self, elapsed_s: f32, tag_height_m: Option<f32>) -> Result<(), Error> {
-        self.begun = Some(self.check_begin(elapsed_s, tag_height_m)?);
+    pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
+        self.begun = Some(self.check_begin(elapsed_s, tag_height)?);
+        self.receiver.advance(elapsed_s);
         self.scans.clear();
         Ok(())
     }
@@ -161,40 +163,40 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ) -> Result<(), Error> {
         let begun = self.begun.as_mut().ok_or(Error::NotBegun)?;
         self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
-        self.take(observation, observer);
+        let link = self.link(observation);
+        self.receiver.receive(&mut self.scans, observation, &link, &self.library, |estimate| {
+            observer.estimate(observation.anchor(), estimate);
+        });
         Ok(())
     }
 
     /// Whether a cycle is begun and how it would begin.
-    fn check_begin(&self, elapsed_s: f32, tag_height_m: Option<f32>) -> Result<Begun<ANCHORS>, Error> {
+    fn check_begin(&self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<Begun<ANCHORS>, Error> {
         if self.begun.is_some() {
             return Err(Error::AlreadyBegun);
         }
         if !(elapsed_s > 0.0 && elapsed_s <= 3600.0) {
             return Err(Error::Time { elapsed_s });
         }
-        if let Some(height) = tag_height_m
-            && !(abs(height) <= 1000.0)
-        {
+        if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(Error::TagHeight);
         }
-        Ok(Begun { elapsed_s, tag_height_m, delivered: Delivered::default() })
+        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default() })
     }
 
-    fn take(&mut self, observation: &Observation<'_>, observer: &mut impl Observer<VAS, PATHS>) {
-        let anchor = observation.anchor();
-        let controller = self.controllers.of(anchor);
-        let frame_action = match observation {
+    /// What the receiver is told of the link to an observation's anchor.
+    fn link(&self, observation: &Observation<'_>) -> LinkView {
+        let controller = self.controllers.of(observation.anchor());
+        let action = match observation {
             Observation::Frame(frame) => frame.action,
             Observation::Ranges(_) => 0,
         };
-        let link = LinkView {
+        LinkView {
             expected: controller.map_or(0, Controller::action_index),
             held: controller.map_or(0, Controller::held),
             sought_with: controller.and_then(Controller::sought_with),
             is_lost: self.belief.is_acquiring(),
-            loss_ln: self.channel.loss_ln(frame_action),
-        };
-        self.receiver.receive(&mut self.scans, observation, &link, &self.library, observer);
+            loss_ln: self.channel.loss_ln(action),
+        }
     }
 }

@@ -1,21 +1,21 @@
 //! The stages of a cycle that join the states of several blocks.
 
-use super::values::{Known, Told, prospect};
+use super::values::{Known, Told};
 use crate::controller::{Controller, Controllers};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory};
-use crate::model::motion::Agent;
-use crate::model::source::Source;
+use crate::model::motion::{Agent, ProcessNoise};
 use crate::observer::Observer;
 use crate::perceptor::association::evidence::evidence_nat;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
-use crate::perceptor::belief::Belief;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::belief::acquisition::{Landmark, Sweep};
-use crate::perceptor::belief::manoeuvre::{ACCELERATION_FACTOR, Suspicion, is_manoeuvre};
+use crate::perceptor::belief::manoeuvre::{Suspicion, is_manoeuvre};
 use crate::perceptor::expectation::Expectations;
 use crate::perceptor::receiver::{Receiver, Scans};
+use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
 use crate::real::smaller;
 use crate::report::MapChanges;
@@ -24,6 +24,10 @@ use heapless::Vec;
 /// Every scan with its outcome, and what the candidates for new virtual anchors claim of it.
 pub(super) type Outcomes<'a, const ANCHORS: usize, const VAS: usize, const PATHS: usize> =
     Vec<(AssociatedScan<'a, VAS, PATHS>, Claims<PATHS>), ANCHORS>;
+
+/// Every scan with what it is expected to show.
+pub(super) type Expected<'a, const ANCHORS: usize, const VAS: usize, const PATHS: usize> =
+    Vec<(&'a Scan<PATHS>, Expectations<VAS>), ANCHORS>;
 
 /// What was heard in a cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -57,11 +61,10 @@ impl Heard {
 /// While it is not known where the tag is: weighs the places it may be at. Returns where it is taken to be now.
 #[inline(never)]
 pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
-    belief: &mut Belief<ANCHORS>,
+    belief: &mut TagBelief<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     known: &Known<'_, ANCHORS, VAS, ACTIONS>,
     scans: &Scans<ANCHORS, PATHS>,
-    elapsed_s: f32,
 ) -> Option<Agent> {
     let acquisition = belief.acquisition()?;
     let settings = &told.config.association;
@@ -75,13 +78,8 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
         // As many as scans: the pushes succeed.
         let _ = detections.push(known.detections_anywhere(told, scan));
         let all_per_m = clutter.all_per_m;
-        let _ = backgrounds.push(acquisition.backgrounds(
-            scan.anchor,
-            &scan.measurements,
-            all_per_m,
-            unmapped,
-            elapsed_s,
-        ));
+        let _ =
+            backgrounds.push(acquisition.backgrounds(scan.anchor, &scan.measurements, all_per_m, unmapped));
     }
     let sweeps = scans.iter().zip(&backgrounds).map(|(scan, all_per_m)| {
         let (bias_m, bias_variance_m2) = known.filter.bias_m(scan.anchor).unwrap_or((0.0, 0.0));
@@ -97,13 +95,14 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
     });
     let landmarks = |anchor: usize| {
         let sight = told.sight(anchor);
-        let height_m = sight.map_or(0.0, |sight| sight.height_m);
+        let (height_m, height_std_m) = sight.map_or((0.0, 0.0), |sight| (sight.height_m, sight.height_std_m));
         let scan = scans.iter().position(|scan| scan.anchor == anchor).unwrap_or(0);
         let detection = detections.get(scan);
         let direct = sight.map(|sight| Landmark {
             position_m: sight.anchor_m,
             covariance_m2: [0.0; 3],
             height_m,
+            height_std_m,
             detection: detection.map_or(0.0, |(direct, _)| *direct),
         });
         let reflected = known.environment.iter().filter(move |(_, record)| record.anchor == anchor);
@@ -113,6 +112,7 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
                 position_m: [a.x, a.y],
                 covariance_m2: [c.m11, c.m21, c.m22],
                 height_m,
+                height_std_m,
                 detection: record.existence * detection?.1.get(slot)?,
             })
         }))
@@ -120,83 +120,67 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
     belief.locate(sweeps, landmarks)
 }
 
-/// Whether the direct paths are not near where they are expected.
+/// What every scan is expected to show at the predicted state, which is widened where a manoeuvre explains the scans far
+/// better than the motion as configured does.
 #[inline(never)]
-pub(super) fn is_suspicious<
-    const ANCHORS: usize,
-    const VAS: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
->(
-    told: &Told<'_, ANCHORS, ACTIONS>,
-    known: &Known<'_, ANCHORS, VAS, ACTIONS>,
-    scans: &Scans<ANCHORS, PATHS>,
-) -> bool {
-    let mut suspicion = Suspicion::default();
-    for scan in scans {
-        let source = Source::Direct { anchor: scan.anchor };
-        let Some(sight) = told.sight(scan.anchor) else { continue };
-        let Some(regression) = known.filter.regress(source, &sight) else { continue };
-        let mut nearest = f32::INFINITY;
-        for measurement in &scan.measurements {
-            let innovation = measurement.range_m - regression.range_m;
-            let variance = regression.variance_m2() + measurement.variance_m2;
-            nearest = smaller(nearest, innovation * innovation / variance);
-        }
-        let direct = prospect(scan, regression, known.environment, known.channel);
-        suspicion.enter(direct.detection(scan, told.config.association.detection_probability), nearest);
-    }
-    suspicion.is_raised()
-}
-
-/// Evidence of all scans that the tag is where it is predicted to be, nats.
-#[inline(never)]
-fn total_evidence_nat<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
-    told: &Told<'_, ANCHORS, ACTIONS>,
-    known: &Known<'_, ANCHORS, VAS, ACTIONS>,
-    scans: &Scans<ANCHORS, PATHS>,
-) -> f32 {
-    let mut evidence = 0.0;
-    for scan in scans {
-        if let Some(expected) = known.expect(told, scan) {
-            let clutter = known.clutter.clutter(scan.anchor);
-            let Expectations { direct_path, expectations, .. } = &expected;
-            evidence += evidence_nat(&scan.measurements, direct_path, expectations.iter(), &clutter);
-        }
-    }
-    evidence
-}
-
-/// Widens the prediction where a manoeuvre explains the scans far better than the motion as configured does.
-pub(super) fn follow_manoeuvre<
-    const ANCHORS: usize,
-    const VAS: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
->(
+pub(super) fn expect<'a, const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
     filter: &mut StateFilter<ANCHORS, VAS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     environment: &EnvironmentMemory<VAS>,
     channel: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
     clutter: &ClutterMemory<ANCHORS>,
-    scans: &Scans<ANCHORS, PATHS>,
-    elapsed_s: f32,
-) {
+    scans: &'a Scans<ANCHORS, PATHS>,
+    manoeuvre_over_s: Option<f32>,
+) -> Expected<'a, ANCHORS, VAS, PATHS> {
     let known = Known { filter, environment, channel, clutter };
-    if !is_suspicious(told, &known, scans) {
-        return;
-    }
-    let motion_nat = total_evidence_nat(told, &known, scans);
+    let expected = known.expect_all(told, scans);
+    let Some(elapsed_s) = manoeuvre_over_s.filter(|_| is_suspicious(&expected)) else { return expected };
+    let motion_nat = total_evidence_nat(&expected, clutter);
     let predicted = filter.agent_covariance();
-    filter.disturb(ACCELERATION_FACTOR * told.config.motion.acceleration_std_m_s2, elapsed_s);
+    let speed_m_s = told.config.start.velocity_std_m_s;
+    filter.disturb(&ProcessNoise::of_turn(speed_m_s * speed_m_s, elapsed_s));
     let known = Known { filter, environment, channel, clutter };
-    let manoeuvre_nat = total_evidence_nat(told, &known, scans);
-    if !is_manoeuvre(motion_nat, manoeuvre_nat) {
-        filter.undisturb(&predicted);
+    let widened = known.expect_all(told, scans);
+    if is_manoeuvre(motion_nat, total_evidence_nat(&widened, clutter), elapsed_s) {
+        return widened;
     }
+    filter.undisturb(&predicted);
+    expected
 }
 
-/// Compares every scan with what is expected of its anchor's sources at the predicted state.
+/// Whether the direct paths are not near where they are expected.
+fn is_suspicious<const ANCHORS: usize, const VAS: usize, const PATHS: usize>(
+    expected: &Expected<'_, ANCHORS, VAS, PATHS>,
+) -> bool {
+    let mut suspicion = Suspicion::default();
+    for (scan, expected) in expected {
+        let direct = &expected.direct_path;
+        let mut nearest = f32::INFINITY;
+        for measurement in &scan.measurements {
+            let innovation = measurement.range_m - direct.range_m;
+            let variance = direct.variance_m2 + measurement.variance_m2;
+            nearest = smaller(nearest, innovation * innovation / variance);
+        }
+        suspicion.enter(direct.detection, nearest);
+    }
+    suspicion.is_raised()
+}
+
+/// Evidence of all scans that the tag is where it is predicted to be, nats.
+fn total_evidence_nat<const ANCHORS: usize, const VAS: usize, const PATHS: usize>(
+    expected: &Expected<'_, ANCHORS, VAS, PATHS>,
+    clutter: &ClutterMemory<ANCHORS>,
+) -> f32 {
+    let mut evidence = 0.0;
+    for (scan, Expectations { direct_path, expectations, .. }) in expected {
+        let clutter = clutter.clutter(scan.anchor);
+        evidence += evidence_nat(&scan.measurements, direct_path, expectations.iter(), &clutter);
+    }
+    evidence
+}
+
+/// Compares every scan with what it is expected to show.
+#[inline(never)]
 pub(super) fn associate<
     'a,
     const ANCHORS: usize,
@@ -207,13 +191,13 @@ pub(super) fn associate<
     told: &Told<'_, ANCHORS, ACTIONS>,
     known: &Known<'_, ANCHORS, VAS, ACTIONS>,
     discovery: &Discovery<ANCHORS>,
-    scans: &'a Scans<ANCHORS, PATHS>,
+    expected: Expected<'a, ANCHORS, VAS, PATHS>,
     observer: &mut impl Observer<VAS, PATHS>,
 ) -> Outcomes<'a, ANCHORS, VAS, PATHS> {
     let mut outcomes = Vec::new();
-    for scan in scans {
-        let Some(expected) = known.expect(told, scan) else { continue };
-        let Some((viewpoint, background)) = known.discovery_view(told, scan.anchor) else { continue };
+    for (scan, expected) in expected {
+        let view = known.discovery_view(told, scan.anchor, &expected.direct);
+        let Some((viewpoint, background)) = view else { continue };
         let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
         let clutter = known.clutter.clutter(scan.anchor);
         let mode = told.config.association.mode;
@@ -237,7 +221,7 @@ pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usiz
     clutter: &mut ClutterMemory<ANCHORS>,
     receiver: &mut Receiver<ANCHORS, PATHS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    belief: &Belief<ANCHORS>,
+    belief: &TagBelief<ANCHORS>,
     controllers: &Controllers<ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, VAS, PATHS>,
 ) {
@@ -251,7 +235,6 @@ pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usiz
             channel.reattribute(scan.anchor, images, [held, scan.action], excess_ln, library);
         }
     }
-    channel.age();
     for (outcome, _) in outcomes {
         let scan = outcome.scan;
         // What is missing from a doubtful place may be where it was: the tag is not.
@@ -261,14 +244,11 @@ pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usiz
                 channel.observe_noise(outcome, library);
             }
         } else {
-            let detection_probability = told.config.association.detection_probability;
-            environment.observe(outcome, |environment, regression| {
-                prospect(scan, *regression, environment, channel).detection(scan, detection_probability)
-            });
+            environment.observe(outcome);
             channel.observe(outcome, library);
         }
         if !belief.is_acquiring() {
-            clutter.observe(scan.anchor, outcome.unexplained());
+            clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);
         }
     }
 }
@@ -298,7 +278,10 @@ pub(super) fn revise_map<const ANCHORS: usize, const VAS: usize, const PATHS: us
         let scan = outcome.scan;
         let Some(sight) = told.sight(scan.anchor) else { continue };
         let known = Known { filter, environment, channel, clutter };
-        let Some((viewpoint, background)) = known.discovery_view(told, scan.anchor) else { continue };
+        let Some((viewpoint, background)) = known.discovery_view(told, scan.anchor, &outcome.expected.direct)
+        else {
+            continue;
+        };
         discovery.observe(
             scan.anchor,
             &viewpoint,

@@ -1,7 +1,7 @@
 //! What a tracker is told between cycles, and what can be read of its state.
 
-use super::Tracker;
 use super::values::{Told, planning_state, visible};
+use super::{Begun, Tracker};
 use crate::application::waypoint::{WaypointChoice, WaypointError, WaypointSettings, choose_waypoint};
 use crate::config::Config;
 use crate::controller::Controller;
@@ -10,12 +10,14 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
 use crate::model::anchor::Anchor;
+use crate::model::measurement::Measurement;
+use crate::model::observation::TagHeight;
 use crate::model::source::Source;
 use crate::perceptor::belief::acquisition::Acquisition;
+use crate::perceptor::expectation::Sighting;
 use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
-use crate::real::abs;
 use crate::trace::TraceHash;
 
 impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
@@ -38,7 +40,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// Chooses one of `candidates` (positions, metres) on the way to `goal`, by all that the tracker knows after its
-    /// last cycle and with the carrier of the next one. Changes nothing.
+    /// last cycle and with the carrier of the next one. Plans with the mean of the tag's height. Changes nothing.
     ///
     /// # Errors
     /// The first bad input, or [`WaypointError::Acquiring`] while it is not known where the tag is.
@@ -46,19 +48,18 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         &self,
         candidates: &[[f32; 2]],
         goal: Option<[f32; 2]>,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
         settings: &WaypointSettings,
     ) -> Result<WaypointChoice, WaypointError> {
         if self.acquisition().is_some() {
             return Err(WaypointError::Acquiring);
         }
-        // Written so that NaN fails.
-        if !tag_height_m.is_none_or(|height_m| abs(height_m) <= 1000.0) {
+        if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(WaypointError::TagHeight);
         }
         let state = planning_state(&self.config, &self.filter.agent(), self.threshold(), settings.period_s);
         let Self { config, anchors, library, .. } = self;
-        let told = Told { config, anchors, library, tag_height_m };
+        let told = Told { config, anchors, library, tag_height };
         let sources = visible(told, &self.environment, &self.filter).filter_map(|sight| {
             let controller = self.controller_of(sight.source.anchor())?;
             Some((sight, controller.action_index()))
@@ -141,7 +142,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         self.receiver.threshold()
     }
 
-    /// 64-bit hash over all state: equal hashes after the same inputs mean equal bits.
+    /// 64-bit hash over all state, that of a cycle begun included: equal hashes after the same inputs mean equal bits.
     pub fn hash(&self) -> u64 {
         let mut hash = TraceHash::default();
         hash.word(self.cycle);
@@ -156,7 +157,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             hash.word(slot as u32);
             hash.word(record.anchor as u32);
             hash.float(record.existence);
-            hash.word(u32::from(record.misses));
+            hash.word(u32::from(record.sighting == Sighting::Hidden));
             hash.word(record.hits);
         }
         self.channel.visit(|v| hash.float(v));
@@ -170,12 +171,37 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             let (values, policy) = (controller.values().values(), controller.policy());
             values.iter().chain(policy).for_each(|v| hash.float(*v));
             hash.float(controller.planned_reward().unwrap_or(0.0));
+            hash.float(controller.turn_s());
         }
         self.clutter.unexplained().iter().for_each(|v| hash.float(*v));
+        self.receiver.silent_s().iter().flatten().for_each(|v| hash.float(*v));
         for last in *self.receiver.last_sequence() {
             hash.word(u32::from(last.is_some()));
             hash.word(last.unwrap_or(0));
         }
+        if let Some(begun) = &self.begun {
+            self.hash_begun(begun, &mut hash);
+        }
         hash.value()
+    }
+
+    /// Adds the cycle begun, and what was received in it.
+    fn hash_begun(&self, begun: &Begun<ANCHORS>, hash: &mut TraceHash) {
+        hash.float(begun.elapsed_s);
+        hash.word(u32::from(begun.tag_height.is_some()));
+        let TagHeight { mean_m, std_m } = begun.tag_height.unwrap_or(TagHeight::exact(0.0));
+        hash.float(mean_m);
+        hash.float(std_m);
+        for scan in &self.scans {
+            hash.word(scan.anchor as u32);
+            hash.word(scan.action as u32);
+            hash.word(u32::from(scan.is_framed()));
+            hash.word(scan.left_out);
+            hash.word(scan.measurements.len() as u32);
+            for measurement in &scan.measurements {
+                let Measurement { range_m, variance_m2, sinr, energy, false_alarm } = *measurement;
+                [range_m, variance_m2, sinr, energy, false_alarm].into_iter().for_each(|v| hash.float(v));
+            }
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! Values that pass from stage to stage: what one stage's state says in the terms of another.
 
+use super::stages::Expected;
 use crate::config::Config;
 use crate::controller::planning::{PlanningState, Visible};
 use crate::memory::channel::ChannelMemory;
@@ -9,9 +10,11 @@ use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
 use crate::model::anchor::Anchor;
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
 use crate::model::motion::Agent;
+use crate::model::observation::TagHeight;
 use crate::model::range::Regression;
 use crate::model::source::{Sight, Source};
 use crate::perceptor::expectation::{Expectations, Prospect, detection};
+use crate::perceptor::receiver::Scans;
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
@@ -24,19 +27,23 @@ pub(super) struct Told<'a, const ANCHORS: usize, const ACTIONS: usize> {
     pub(super) config: &'a Config,
     pub(super) anchors: &'a Vec<Anchor, ANCHORS>,
     pub(super) library: &'a Library<ACTIONS>,
-    pub(super) tag_height_m: Option<f32>,
+    pub(super) tag_height: Option<TagHeight>,
 }
 
 impl<const ANCHORS: usize, const ACTIONS: usize> Told<'_, ANCHORS, ACTIONS> {
     /// Where an anchor is seen from the tag.
     pub(super) fn sight(&self, anchor: usize) -> Option<Sight> {
         let anchor = self.anchors.get(anchor)?;
-        Some(Sight { anchor_m: anchor.position_m, height_m: self.height_m(anchor) })
+        Some(Sight {
+            anchor_m: anchor.position_m,
+            height_m: self.height_m(anchor),
+            height_std_m: self.tag_height.map_or(0.0, |height| height.std_m),
+        })
     }
 
     /// Height of an anchor above the tag, metres; 0 where the tag's is not known.
     fn height_m(&self, anchor: &Anchor) -> f32 {
-        self.tag_height_m.map_or(0.0, |height| anchor.height_m - height)
+        self.tag_height.map_or(0.0, |height| anchor.height_m - height.mean_m)
     }
 }
 
@@ -50,9 +57,26 @@ pub(super) struct Known<'a, const ANCHORS: usize, const VAS: usize, const ACTION
 }
 
 impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANCHORS, VAS, ACTIONS> {
+    /// What every scan is expected to show.
+    #[inline(never)]
+    pub(super) fn expect_all<'a, const PATHS: usize>(
+        &self,
+        told: &Told<'_, ANCHORS, ACTIONS>,
+        scans: &'a Scans<ANCHORS, PATHS>,
+    ) -> Expected<'a, ANCHORS, VAS, PATHS> {
+        let mut all = Vec::new();
+        for scan in scans {
+            if let Some(expected) = self.expect(told, scan) {
+                // As many as scans: the push succeeds.
+                let _ = all.push((scan, expected));
+            }
+        }
+        all
+    }
+
     /// What every source of a scan's anchor is expected to show in it.
     #[inline(never)]
-    pub(super) fn expect<const PATHS: usize>(
+    fn expect<const PATHS: usize>(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         scan: &Scan<PATHS>,
@@ -65,12 +89,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
         };
         let direct = prospect(Source::Direct { anchor })?;
         let detection = |prospect: &Prospect| prospect.detection(scan, association.detection_probability);
-        let mut expected = Expectations::new(&direct, detection(&direct));
+        let mut expected = Expectations::new(&direct, &detection(&direct));
         for slot in self.environment.images_of(anchor) {
             let image = prospect(Source::Virtual { anchor, slot })?;
-            let detection = detection(&image);
-            let survival = association.survival_probability;
-            expected.add(&image, self.environment.expected_existence(slot, survival, detection), detection);
+            let existence = self.environment.get(slot)?.existence;
+            expected.add(&image, existence, &detection(&image));
         }
         if let Some(action) = told.library.get(scan.action)
             && scan.is_framed()
@@ -96,18 +119,20 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
         (of(Source::Direct { anchor: scan.anchor }), detections)
     }
 
-    /// From where an anchor's candidates are seen, and what they compete with.
+    /// From where an anchor's candidates are seen, and what they compete with; `direct` is the anchor's direct path as it was
+    /// expected.
     pub(super) fn discovery_view(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         anchor: usize,
+        direct: &Regression,
     ) -> Option<(Viewpoint, Background)> {
         let sight = told.sight(anchor)?;
         let (bias_m, _) = self.filter.bias_m(anchor)?;
-        let direct = self.filter.regress(Source::Direct { anchor }, &sight)?;
         let viewpoint = Viewpoint {
             agent: self.filter.agent(),
             height_m: sight.height_m,
+            height_std_m: sight.height_std_m,
             bias_m,
             direct_m: direct.range_m,
             direct_variance_m2: direct.variance_m2(),
@@ -123,7 +148,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
 }
 
 /// What is known of a source before a scan.
-pub(super) fn prospect<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
+fn prospect<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
     scan: &Scan<PATHS>,
     regression: Regression,
     environment: &EnvironmentMemory<VAS>,
@@ -158,7 +183,7 @@ fn detection_anywhere<const ANCHORS: usize, const VAS: usize, const PATHS: usize
 ) -> f32 {
     let prior = channel_prior(scan, source, channel);
     let told = told.config.association.detection_probability;
-    detection(scan, told, &prior, None, environment.is_unseen(source))
+    detection(scan, told, &prior, None, environment.is_unseen(source)).probability
 }
 
 /// The sources planning counts on: all direct paths, and the virtual anchors that are confirmed.
@@ -200,7 +225,7 @@ pub(super) fn planning_state(
         velocity_m_s: [agent.mean.z, agent.mean.w],
         covariance: agent.covariance,
         elapsed_s,
-        acceleration_std_m_s2: config.motion.acceleration_std_m_s2,
+        motion: config.motion,
         variance_inflation: config.ranging.variance_inflation,
         range_floor_m: config.ranging.floor_m,
         radio: config.radio,

@@ -64,8 +64,9 @@ fn run(slot: &mut MaybeUninit<Filter>) -> Result<(), Fault> {
     }
     let steps = u32::from_le_bytes(words.bytes()?);
     let motion = Motion {
-        acceleration_std_m_s2: words.float()?,
-        virtual_anchor_walk_m: words.float()?,
+        acceleration_density_m2_s3: words.float()?,
+        velocity_decay_s: words.float()?,
+        virtual_anchor_walk_m_sqrt_s: words.float()?,
         position_std_limit_m: words.float()?,
     };
     let start_m = [words.float()?, words.float()?];
@@ -129,7 +130,7 @@ fn lines(filter: &Filter, scene: &Scene) -> Vec<Regression, RANGES> {
     let mut lines = Vec::new();
     for source in direct.chain(images) {
         let Some(anchor_m) = scene.anchors_m.get(source.anchor()) else { continue };
-        if let Some(line) = filter.regress(source, &Sight { anchor_m: *anchor_m, height_m: 0.0 }) {
+        if let Some(line) = filter.regress(source, &Sight { anchor_m: *anchor_m, height_m: 0.0, height_std_m: 0.0 }) {
             // As many places as sources.
             let _ = lines.push(line);
         }

@@ -14,6 +14,7 @@ use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, Plan
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::ChannelMemory;
+use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
 use cogmint_core::radio::pulse::PulseShape;
@@ -90,14 +91,14 @@ fn outlook(feed: &mut File) -> Result<PlanningState, Fault> {
     for place in &mut floats {
         *place = float(feed)?;
     }
-    let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_std_m_s2, ..] = floats;
+    let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_density_m2_s3, ..] = floats;
     let [.., variance_inflation, range_floor_m, roll_off, threshold] = floats;
     Ok(PlanningState {
         position_m: [x, y],
         velocity_m_s: [u, v],
         covariance: Matrix4::new(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, 0.0, uu, 0.0, 0.0, 0.0, 0.0, vv),
         elapsed_s,
-        acceleration_std_m_s2,
+        motion: Motion { acceleration_density_m2_s3, velocity_decay_s: f32::INFINITY, ..Config::default().motion },
         variance_inflation,
         range_floor_m,
         radio: Radio { pulse_shape: PulseShape::RootRaisedCosine { roll_off }, ..Config::default().radio },

@@ -27,6 +27,8 @@ pub enum Purpose {
     Walls,
     /// Mean of the first position.
     Start,
+    /// Error of the tag's height as it is told.
+    TagHeight,
 }
 
 /// The generator of a purpose and its indexes.

@@ -8,6 +8,7 @@ pub mod plan;
 pub mod plot;
 pub mod scenario;
 pub mod simulate;
+pub mod thin;
 pub mod trace;
 pub mod track;
 pub mod verify;

@@ -11,7 +11,7 @@ use crate::recording::{ARRAYS_FILE, Cycle, Frame, META_FILE, Recording, Samples}
 use crate::replay::{PATHS, pulse_shape};
 use cogmint_core::model::observation::{self, SampleFault};
 use cogmint_core::perceptor::channel_estimator::{
-    self, ChannelEstimate, ChannelEstimator, FirstPathDetector,
+    self, ChannelEstimate, ChannelEstimator, EstimatorSettings, FirstPathDetector,
 };
 use cogmint_core::radio::pulse::{Pulse, PulseTable};
 use rayon::prelude::*;
@@ -233,7 +233,13 @@ impl Stage {
     fn new(pulse: &Pulse, spacing_s: f64, samples: usize, options: &Options) -> Self {
         let spacing = spacing_s as f32;
         Self {
-            estimator: ChannelEstimator::new(*pulse, spacing, samples, options.false_paths as f32),
+            estimator: ChannelEstimator::new(
+                *pulse,
+                spacing,
+                samples,
+                options.false_paths as f32,
+                EstimatorSettings::default(),
+            ),
             first_path: FirstPathDetector::new(pulse, spacing, options.false_paths as f32),
             table: PulseTable::new(pulse, spacing),
             spacing_s,

@@ -68,7 +68,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
     Recording {
         name: "eight-paths".into(),
         source: format!("simulated: eight paths per frame in dense multipath, seed {seed}"),
-        motion: Motion { acceleration_std_m_s2: 0.01 },
+        motion: Motion::of_acceleration(0.01),
         start: Start {
             position_m: [3.6, 0.0],
             position_std_m: 0.25,

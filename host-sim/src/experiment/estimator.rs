@@ -6,7 +6,7 @@ use crate::channel::cis;
 use crate::channel::pulse::PulseSpectrum;
 use crate::channel::random::{Purpose, stream, uniform};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
+use cogmint_core::perceptor::channel_estimator::{ChannelEstimator, EstimatorSettings};
 use cogmint_core::radio::pulse::Pulse;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use rayon::prelude::*;
@@ -74,7 +74,13 @@ impl PathFinder for CoreMagnitude {
 
 fn find(samples: Samples<'_>, false_paths: f64) -> Vec<Found> {
     let pulse = Pulse::root_raised_cosine(DURATION_S as f32, ROLL_OFF as f32);
-    let estimator = ChannelEstimator::<PATHS>::new(pulse, SPACING_S as f32, SAMPLES, false_paths as f32);
+    let estimator = ChannelEstimator::<PATHS>::new(
+        pulse,
+        SPACING_S as f32,
+        SAMPLES,
+        false_paths as f32,
+        EstimatorSettings::default(),
+    );
     let estimate = estimator.estimate(samples, 0.0).expect("the responses are finite and not silent");
     let found = |path: &cogmint_core::perceptor::channel_estimator::Path| Found {
         delay_s: f64::from(path.delay_s),

@@ -62,7 +62,7 @@ pub fn bp_slam(anchors: &Path, truth: &Path, ranges: &Path) -> Result<Recording,
             stem(truth),
             stem(ranges)
         ),
-        motion: Motion { acceleration_std_m_s2: 0.01 },
+        motion: Motion::published(0.01),
         start: Start {
             position_m: first_m,
             position_std_m: 0.25,

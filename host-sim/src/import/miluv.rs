@@ -140,7 +140,7 @@ fn recording_of(
     Recording {
         name,
         source,
-        motion: Motion { acceleration_std_m_s2: 1.0 },
+        motion: Motion::of_acceleration(1.0),
         start: Start {
             position_m: [mean(0), mean(1)],
             position_std_m: 1.5,

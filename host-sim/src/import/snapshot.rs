@@ -85,7 +85,7 @@ pub fn snapshot(places: &Path, paths: &Path, options: &SnapshotOptions) -> Resul
             stem(paths),
             options.seed
         ),
-        motion: Motion { acceleration_std_m_s2: 0.3 },
+        motion: Motion::of_acceleration(0.3),
         start,
         association: AssociationModel {
             // Hidden and merged paths are common, and most paths come from more than one reflection.

@@ -73,7 +73,7 @@ fn recording_of(link: &LinkRow, start: Start, anchor_m: [f64; 2], cycles: Vec<Cy
              pulse's shape is assumed. One anchor's range alone cannot fix a position.",
             link.link, link.label, link.anchor, link.tag
         ),
-        motion: Motion { acceleration_std_m_s2: 0.01 },
+        motion: Motion::of_acceleration(0.01),
         start,
         association: AssociationModel {
             detection_probability: 0.95,

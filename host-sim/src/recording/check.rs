@@ -8,7 +8,7 @@ use cogmint_core::radio::pulse::PULSE_SAMPLES;
 
 use super::{
     Anchor, Angles, Cycle, LINE_TOLERANCE_M, MAX_ANCHORS, MAX_ANTENNAS, MAX_CYCLES, MAX_FRAMES,
-    MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Plan, Recording,
+    MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Motion, Plan, Recording,
     SampledPulse, Samples,
 };
 
@@ -64,6 +64,7 @@ const POSITION: Interval = from_to(-1e6, 1e6);
 const PULSE_DURATION: Interval = above_zero_to(1e-6);
 const TIME: Interval = from_to(-1e10, 1e10);
 const RANGE: Interval = from_to(0.0, 1e6);
+const HEIGHT_STD: Interval = from_to(0.0, 100.0);
 const RANGE_STD: Interval = above_zero_to(1e4);
 const DELAY: Interval = from_to(-1.0, 1.0);
 const FIRST_PATH: Interval = from_to(-65536.0, 65536.0);
@@ -168,6 +169,33 @@ impl Recording {
         self.check_cycles()
     }
 
+    fn check_motion(&self) -> Result<(), Fault> {
+        let Motion { acceleration_std_m_s2, acceleration_density_m2_s3, velocity_decay_s } = self.motion;
+        match (acceleration_std_m_s2, acceleration_density_m2_s3) {
+            (Some(std_m_s2), None) => {
+                check_key("motion.acceleration_std_m_s2", std_m_s2, above_zero_to(1e3))?;
+            }
+            (None, Some(density)) => {
+                check_key("motion.acceleration_density_m2_s3", density, above_zero_to(1e6))?;
+            }
+            (None, None) => {
+                return Err(Fault::key("motion.acceleration_std_m_s2", "is missing")
+                    .allowed("this or `motion.acceleration_density_m2_s3`"));
+            }
+            (Some(_), Some(_)) => {
+                let reason = "is given beside `motion.acceleration_std_m_s2`";
+                return Err(Fault::key("motion.acceleration_density_m2_s3", reason).allowed("one of them"));
+            }
+        }
+        match velocity_decay_s {
+            // NaN is refused.
+            Some(decay_s) if !(decay_s > 0.0) => {
+                Err(Fault::key("motion.velocity_decay_s", format!("is {decay_s}")).allowed("above 0 to inf"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     pub(super) fn check_meta(&self) -> Result<(), Fault> {
         if self.name.trim().is_empty()
             || self.name.chars().count() > 200
@@ -177,7 +205,7 @@ impl Recording {
                 Fault::key("name", "is empty, too long or not on one line").allowed("1 to 200 characters")
             );
         }
-        check_key("motion.acceleration_std_m_s2", self.motion.acceleration_std_m_s2, above_zero_to(1e3))?;
+        self.check_motion()?;
         for coordinate_m in self.start.position_m {
             check_key("start.position_m", coordinate_m, POSITION)?;
         }
@@ -333,12 +361,19 @@ impl Recording {
             if let Some(height_m) = cycle.tag_height_m {
                 check_element("tag_height_m", index, height_m, POSITION)?;
             }
+            if let Some(std_m) = cycle.tag_height_std_m {
+                check_element("tag_height_std_m", index, std_m, HEIGHT_STD)?;
+                if cycle.tag_height_m.is_none() {
+                    return Err(Fault::array("tag_height_std_m", "has no `tag_height_m` beside it"));
+                }
+            }
             self.check_antenna_index(index, cycle.antenna)?;
             self.check_ranges(index, cycle)?;
             self.check_frames(index, cycle)?;
             self.check_truth_paths(index, cycle)?;
         }
         all_or_none("tag_height_m", self.cycles.iter().map(|cycle| cycle.tag_height_m.is_some()))?;
+        all_or_none("tag_height_std_m", self.cycles.iter().map(|cycle| cycle.tag_height_std_m.is_some()))?;
         let ranges = || self.cycles.iter().flat_map(|cycle| &cycle.ranges);
         all_or_none("range_std_m", ranges().map(|range| range.std_m.is_some()))?;
         all_or_none("range_departure_angle_rad", ranges().map(|range| range.angles.is_some()))?;

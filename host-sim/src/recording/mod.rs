@@ -9,6 +9,7 @@
 //! | `cycle_time_s` | float64 `[N]` | time of each cycle, strictly increasing |
 //! | `truth_position_m` | float64 `[N, 2]` | optional: true horizontal position of the tag; NaN in the cycles where nobody knew it |
 //! | `tag_height_m` | float64 `[N]` | optional: height of the tag, in the frame of the anchors' heights |
+//! | `tag_height_std_m` | float64 `[N]` | optional, beside it: its standard deviation |
 //! | `cycle_antenna` | uint8 `[N]` | index of the antenna that the cycle was measured with; where there are `antennas` |
 //! | `range_cycle` | uint32 `[R]` | index of the cycle that the range belongs to |
 //! | `range_anchor` | uint8 `[R]` | index of its anchor |
@@ -104,12 +105,65 @@ pub struct Recording {
     pub cycles: Vec<Cycle>,
 }
 
-/// The motion model's only parameter.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// How the tag moves. One of the first two is there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Motion {
-    /// Standard deviation of the white acceleration per axis, in m/s^2. Larger follows turns, smaller smooths.
-    pub acceleration_std_m_s2: f64,
+    /// Standard deviation of an acceleration per axis that is constant within a usual cycle, in m/s^2. Larger follows turns,
+    /// smaller smooths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acceleration_std_m_s2: Option<f64>,
+    /// Spectral density of the white acceleration per axis, in m^2/s^3, whatever the cycles are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acceleration_density_m2_s3: Option<f64>,
+    /// Time constant with which a velocity decays, in seconds; infinite: constant velocity. The tracker's own when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub velocity_decay_s: Option<f64>,
+}
+
+impl Motion {
+    /// Of an acceleration that is constant within a usual cycle.
+    pub const fn of_acceleration(acceleration_std_m_s2: f64) -> Self {
+        Self {
+            acceleration_std_m_s2: Some(acceleration_std_m_s2),
+            acceleration_density_m2_s3: None,
+            velocity_decay_s: None,
+        }
+    }
+
+    /// The same, of a velocity that does not decay: the published model.
+    pub const fn published(acceleration_std_m_s2: f64) -> Self {
+        Self { velocity_decay_s: Some(f64::INFINITY), ..Self::of_acceleration(acceleration_std_m_s2) }
+    }
+}
+
+/// Density of a white acceleration, m^2/s^3, that changes the velocity over a cycle of `period_s` seconds as much as one of
+/// this deviation that is constant within it.
+pub fn density_m2_s3(acceleration_std_m_s2: f64, period_s: f64) -> f64 {
+    acceleration_std_m_s2 * acceleration_std_m_s2 * period_s
+}
+
+impl Recording {
+    /// Median time from cycle to cycle, seconds.
+    pub fn usual_period_s(&self) -> f64 {
+        usual_period_s(self.cycles.iter().map(|cycle| cycle.time_s))
+    }
+
+    /// Density of the tag's white acceleration, m^2/s^3: that told, or that of the acceleration told over a usual cycle.
+    pub fn acceleration_density_m2_s3(&self) -> f64 {
+        let Motion { acceleration_std_m_s2, acceleration_density_m2_s3, .. } = self.motion;
+        let of_deviation = |std_m_s2| density_m2_s3(std_m_s2, self.usual_period_s());
+        // One is there, as the checks saw.
+        acceleration_density_m2_s3.or(acceleration_std_m_s2.map(of_deviation)).unwrap_or(0.0)
+    }
+}
+
+/// Median time, seconds, from one of these times to the next; 1 where there is but one.
+pub fn usual_period_s(times_s: impl Iterator<Item = f64> + Clone) -> f64 {
+    let mut periods_s: Vec<f64> =
+        times_s.clone().skip(1).zip(times_s).map(|(now, then)| now - then).collect();
+    periods_s.sort_by(f64::total_cmp);
+    periods_s.get(periods_s.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// The prior of the first position and velocity.
@@ -268,6 +322,8 @@ pub struct Cycle {
     pub truth_position_m: Option<[f64; 2]>,
     /// The height of the tag (of the antenna in use), in metres.
     pub tag_height_m: Option<f64>,
+    /// Its standard deviation, in metres; exact when absent. There only beside the height.
+    pub tag_height_std_m: Option<f64>,
     /// Index of the antenna that everything in this cycle was measured with; there where the recording has antennas.
     pub antenna: Option<usize>,
     /// Lengths of paths, in any order; any number per anchor.
@@ -378,7 +434,7 @@ pub(crate) mod tests {
         Recording {
             name: "example".into(),
             source: "made for a test\nover two lines".into(),
-            motion: Motion { acceleration_std_m_s2: 0.01 },
+            motion: Motion { velocity_decay_s: Some(2.5), ..Motion::of_acceleration(0.01) },
             start: Start {
                 position_m: [3.0, 7.0],
                 position_std_m: 0.25,
@@ -439,6 +495,7 @@ pub(crate) mod tests {
                     time_s: f64::from(step) * 0.1,
                     truth_position_m: (step < 2).then(|| [3.0, 7.0 + f64::from(step) * 0.01]),
                     tag_height_m: Some(1.0),
+                    tag_height_std_m: Some(0.2),
                     antenna: Some(step as usize % 2),
                     ranges: vec![
                         Range {

@@ -15,10 +15,11 @@ use super::{
 use crate::input_error::InputError;
 use crate::toml_place;
 
-const ARRAYS: [&str; 24] = [
+const ARRAYS: [&str; 25] = [
     "cycle_time_s",
     "truth_position_m",
     "tag_height_m",
+    "tag_height_std_m",
     "cycle_antenna",
     "range_cycle",
     "range_anchor",
@@ -150,6 +151,12 @@ fn read_arrays<R: Read + Seek>(
         heights.expect(Element::F64, &[Some(cycle_count)])?;
         for (index, cycle) in recording.cycles.iter_mut().enumerate() {
             cycle.tag_height_m = Some(heights.float(index));
+        }
+    }
+    if let Some(deviations) = archive.read_optional("tag_height_std_m")? {
+        deviations.expect(Element::F64, &[Some(cycle_count)])?;
+        for (index, cycle) in recording.cycles.iter_mut().enumerate() {
+            cycle.tag_height_std_m = Some(deviations.float(index));
         }
     }
     if let Some(antennas) = archive.read_optional("cycle_antenna")? {

@@ -134,6 +134,10 @@ impl Recording {
         if !heights.is_empty() {
             add_floats(&mut archive, "tag_height_m", &[cycles.len()], &heights)?;
         }
+        let deviations: Vec<f64> = cycles.iter().filter_map(|cycle| cycle.tag_height_std_m).collect();
+        if !deviations.is_empty() {
+            add_floats(&mut archive, "tag_height_std_m", &[cycles.len()], &deviations)?;
+        }
         if !self.antennas.is_empty() {
             // An antenna's index is below 16, as the checks saw.
             let antennas = cycles.iter().filter_map(|cycle| cycle.antenna).map(|antenna| antenna as u8);
@@ -315,7 +319,7 @@ mod tests {
         for cycle in &mut recording.cycles {
             cycle.truth_paths.clear();
             cycle.truth_position_m = None;
-            cycle.tag_height_m = None;
+            (cycle.tag_height_m, cycle.tag_height_std_m) = (None, None);
             cycle.antenna = None;
             cycle.ranges.clear();
             for frame in &mut cycle.frames {

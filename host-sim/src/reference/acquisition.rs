@@ -14,54 +14,19 @@
 //! In the first scans places are proposed: each early range puts the tag on a circle around its anchor, cut into arcs.
 
 use super::association::{Measurement, is_earlier};
-use super::motion::{AGENT, Agent, PX, PY, VX, VY, mirror, predicted};
-use super::range::{Line, regress_distance};
+use super::motion::{AGENT, Agent, MotionStep, PX, PY, VX, VY, mirror};
+use super::range::{Line, height_variance_m2, regress_distance};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
 use super::soft_update::{Moments, SoftUpdate};
 use super::zeros;
-use cogmint_core::model::motion::Motion;
+use cogmint_core::model::range::LEAST_RADIUS2_M2;
+use cogmint_core::model::soft_update::LEAST_WEIGHT;
+use cogmint_core::perceptor::belief::acquisition::{
+    ARC_STD, AcquisitionSettings, BRANCHES, DIRECTIONS, DOUBT, EARLIER, EARLIEST, GATE2, LEAST_DETERMINANT,
+    LEAST_FACTOR, LIGHTEST, NEXT_DIRECTION, PLACES, PRIOR_GATE2, ROUNDING_MARGIN,
+};
 use std::cmp::Ordering;
 use std::fmt;
-
-/// Gate of arcs against the prior, squared standard deviations.
-const PRIOR_GATE2: f32 = 36.0;
-/// What the prior's variances grow by where it was wrong.
-const DOUBT: f32 = 4.0;
-/// Places held at once.
-const PLACES: usize = 26;
-/// Arcs per circle, and the turn from each to the next: cosine and sine of 2 pi / 64.
-const DIRECTIONS: usize = 64;
-const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
-/// Standard deviation of an arc along the circle, radians.
-const ARC_STD: f32 = 0.06;
-/// Least share of the variance across in that along the radius, against rounding.
-const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
-/// Ranges per anchor that are tried as the direct path, and in how many scans.
-const EARLIEST: usize = 4;
-/// Ranges remembered per scan.
-const EARLIER: usize = 8;
-/// Most places that one place becomes in a cycle.
-const BRANCHES: usize = 8;
-/// Gate, as a normalised squared innovation.
-const GATE2: f32 = 9.0;
-/// Weight, of the heaviest, below which a place is dropped.
-const LIGHTEST: f32 = 1e-9;
-/// Places are proposed as long as the others weigh more.
-const NEWCOMER: f32 = 1e-5;
-/// Settled: as much of the weight at one place, after as many scans.
-const SETTLED_WEIGHT: f32 = 0.999_999;
-const SETTLED_CYCLES: u16 = 8;
-/// And all within this of the heaviest, metres.
-const NEAR_M: f32 = 0.3;
-/// Squared Mahalanobis distance below which two places are one.
-const SAME2: f32 = 1.0;
-/// Least factors of a weight: by a feature, and of a newcomer by a scan before it came.
-const LEAST_FACTOR: f32 = 1e-12;
-/// Share of a scan's likelihood below which a virtual anchor does not move the tag.
-const LEAST_SHARE: f32 = 1e-3;
-/// Least squared radius of a circle, square metres, and least determinant of the covariance around it.
-const LEAST_RADIUS2: f32 = 1e-4;
-const LEAST_DETERMINANT: f32 = 1e-20;
 
 /// A direct path or a virtual anchor.
 #[derive(Clone, Copy, Debug)]
@@ -70,8 +35,8 @@ pub struct Landmark<T> {
     pub position_m: [T; 2],
     /// Its covariance, square metres.
     pub covariance_m2: [[T; 2]; 2],
-    /// Height above the tag, metres.
-    pub height_m: T,
+    /// Height above the tag, metres: mean and standard deviation.
+    pub height_m: [T; 2],
     /// Probability that it exists and is detected.
     pub detection: T,
 }
@@ -113,6 +78,7 @@ pub struct Acquisition<T> {
     prior: Agent<T>,
     /// Variance of a velocity of which nothing is known, per axis.
     speed_m2_s2: T,
+    settings: AcquisitionSettings,
     places: Vec<Place<T>>,
     /// Cycles with measurements since places were proposed.
     scans: u16,
@@ -120,13 +86,23 @@ pub struct Acquisition<T> {
     newcomer_ln: T,
     /// Of every anchor, the shortest ranges of its last scan and of that before, metres.
     earlier_m: Vec<[Vec<T>; 2]>,
+    /// How long ago these scans were, seconds.
+    earlier_age_s: Vec<[T; 2]>,
 }
 
 impl<T: Real> Acquisition<T> {
     /// Around the prior, for so many anchors.
-    pub fn new(prior: Agent<T>, speed_m2_s2: T, anchors: usize) -> Self {
-        let earlier_m = vec![[Vec::new(), Vec::new()]; anchors];
-        Self { prior, speed_m2_s2, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO, earlier_m }
+    pub fn new(prior: Agent<T>, speed_m2_s2: T, anchors: usize, settings: AcquisitionSettings) -> Self {
+        Self {
+            prior,
+            speed_m2_s2,
+            settings,
+            places: Vec::new(),
+            scans: 0,
+            newcomer_ln: T::ZERO,
+            earlier_m: vec![[Vec::new(), Vec::new()]; anchors],
+            earlier_age_s: vec![[T::ZERO; 2]; anchors],
+        }
     }
 
     /// Intensity of what belongs to no landmark at each range of a scan of `anchor`, per metre: the larger, the nearer the range
@@ -137,15 +113,13 @@ impl<T: Real> Acquisition<T> {
         measurements: &[Measurement<T>],
         all_per_m: T,
         unmapped: T,
-        dt: T,
     ) -> Vec<T> {
-        let moved_m2 = square(dt) * (self.prior.covariance[VX][VX] + self.prior.covariance[VY][VY]);
+        let velocity_m2_s2 = self.prior.covariance[VX][VX] + self.prior.covariance[VY][VY];
         let mut backgrounds = Vec::new();
         for z in measurements {
-            let mut variance = T::of(2.0) * z.variance_m2;
             let mut most = T::ZERO;
-            for scan in &self.earlier_m[anchor] {
-                variance += moved_m2;
+            for (scan, age_s) in self.earlier_m[anchor].iter().zip(self.earlier_age_s[anchor]) {
+                let variance = T::of(2.0) * z.variance_m2 + square(age_s) * velocity_m2_s2;
                 let mut density = T::ZERO;
                 for earlier_m in scan {
                     let nis = square(z.range_m - *earlier_m) / variance;
@@ -170,33 +144,27 @@ impl<T: Real> Acquisition<T> {
         self.places.len()
     }
 
-    /// Prediction by `dt` seconds; a position that is known worse than the limit gets no worse.
-    pub fn predict(&mut self, motion: &Motion, dt: T) {
-        let limit = square(T::of(motion.position_std_limit_m));
-        let acceleration = T::of(motion.acceleration_std_m_s2);
+    /// Prediction by a step of `dt` seconds; a position that is known worse than the limit gets no worse.
+    pub fn predict(&mut self, step: &MotionStep<T>, position_std_limit_m: T, dt: T) {
+        for age_s in self.earlier_age_s.iter_mut().flatten() {
+            *age_s += dt;
+        }
+        let limit = square(position_std_limit_m);
         let places = self.places.iter_mut().map(|place| &mut place.agent);
         for agent in places.chain([&mut self.prior]) {
-            let mut next = predicted(&agent.covariance, dt, acceleration);
-            if larger(next[PX][PX], next[PY][PY]) > limit {
+            let next = step.predicted(agent);
+            let c = &next.covariance;
+            if larger(c[PX][PX], c[PY][PY]) > limit {
                 // Within reach of where it was, at any speed.
-                for i in 0..AGENT {
-                    for j in 0..AGENT {
-                        if i != j {
-                            next[i][j] = T::ZERO;
-                        }
-                    }
-                }
+                agent.covariance = zeros(AGENT, AGENT);
                 for (p, v) in [(PX, VX), (PY, VY)] {
-                    next[p][p] = smaller(next[p][p], limit);
-                    next[v][v] = self.speed_m2_s2;
+                    agent.covariance[p][p] = smaller(c[p][p], limit);
+                    agent.covariance[v][v] = self.speed_m2_s2;
                     agent.mean[v] = T::ZERO;
                 }
             } else {
-                for (p, v) in [(PX, VX), (PY, VY)] {
-                    agent.mean[p] = agent.mean[p] + dt * agent.mean[v];
-                }
+                *agent = next;
             }
-            agent.covariance = next;
         }
     }
 
@@ -206,7 +174,7 @@ impl<T: Real> Acquisition<T> {
             return false;
         }
         self.scans = self.scans.saturating_add(1);
-        let newcomers_matter = self.newcomer_ln > ln(T::of(NEWCOMER));
+        let newcomers_matter = self.newcomer_ln > ln(T::of(self.settings.newcomer_weight));
         for place in std::mem::take(&mut self.places) {
             self.offer(place.hear(sweeps, None));
         }
@@ -234,7 +202,7 @@ impl<T: Real> Acquisition<T> {
                     prior.covariance[v][p] = T::ZERO;
                 }
             }
-            *self = Self::new(prior, self.speed_m2_s2, self.earlier_m.len());
+            *self = Self::new(prior, self.speed_m2_s2, self.earlier_m.len(), self.settings);
         }
         true
     }
@@ -248,6 +216,8 @@ impl<T: Real> Acquisition<T> {
         ranges_m.truncate(EARLIER);
         let [last, before] = &mut self.earlier_m[sweep.anchor];
         *before = std::mem::replace(last, ranges_m);
+        let [last_s, before_s] = &mut self.earlier_age_s[sweep.anchor];
+        *before_s = std::mem::replace(last_s, T::ZERO);
     }
 
     /// The places at which an early range of sweep `s` would be its direct path.
@@ -266,8 +236,10 @@ impl<T: Real> Acquisition<T> {
             let Some(measurement) = next else { return };
             after = measurement.range_m;
             let slant = after - sweep.bias_m;
-            let radius_m = sqrt(larger(square(slant) - square(sweep.direct.height_m), T::of(LEAST_RADIUS2)));
-            let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
+            let radius_m =
+                sqrt(larger(square(slant) - square(sweep.direct.height_m[0]), T::of(LEAST_RADIUS2_M2)));
+            let of_height = height_variance_m2(sweep.direct.height_m, slant);
+            let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2 + of_height;
             // Order: each direction is the one before, turned once more.
             let mut direction = [T::ONE, T::ZERO];
             for _ in 0..DIRECTIONS {
@@ -378,7 +350,7 @@ impl<T: Real> Acquisition<T> {
 
     /// The heaviest place (the first of equals), once it has nearly all weight.
     pub fn settled(&self) -> Option<Agent<T>> {
-        if self.scans < SETTLED_CYCLES {
+        if self.scans < self.settings.settled_cycles {
             return None;
         }
         let mut heaviest = self.places.first()?;
@@ -393,11 +365,11 @@ impl<T: Real> Acquisition<T> {
             let away_x = place.agent.mean[PX] - heaviest.agent.mean[PX];
             let away_y = place.agent.mean[PY] - heaviest.agent.mean[PY];
             all += weight;
-            if square(away_x) + square(away_y) < square(T::of(NEAR_M)) {
+            if square(away_x) + square(away_y) < square(T::of(self.settings.settled_within_m)) {
                 near += weight;
             }
         }
-        (near > T::of(SETTLED_WEIGHT) * all).then(|| self.summary())
+        (near > T::of(self.settings.settled_weight) * all).then(|| self.summary())
     }
 
     /// Every number with its name, in the order of the core's `visit`.
@@ -429,6 +401,11 @@ impl<T: Real> Acquisition<T> {
                     let earlier_m = scan.get(n).copied().unwrap_or(T::ZERO);
                     f(format_args!("range {n} of anchor {anchor}, {} scans ago", back + 1), earlier_m);
                 }
+            }
+        }
+        for (anchor, ages_s) in self.earlier_age_s.iter().enumerate() {
+            for (back, age_s) in ages_s.iter().enumerate() {
+                f(format_args!("age of the scan of anchor {anchor}, {} scans ago", back + 1), *age_s);
             }
         }
     }
@@ -545,7 +522,7 @@ impl<T: Real> Place<T> {
             let [gx, gy] = line.slope;
             let a = &landmark.covariance_m2;
             let own = gx * (gx * a[0][0] + gy * a[1][0]) + gy * (gx * a[1][0] + gy * a[1][1]);
-            if weight > num(LEAST_SHARE) * total && own * weight < noise {
+            if weight > num(LEAST_WEIGHT) * total && own * weight < noise {
                 self.correct(&line, &moments.over(total), noise / weight);
             }
         }
@@ -576,7 +553,7 @@ impl<T: Real> Place<T> {
         let determinant = xx * yy - square(yx);
         // The distance times the determinant.
         let form = yy * square(dx) - T::of(2.0) * (yx * (dx * dy)) + xx * square(dy);
-        form < T::of(SAME2) * determinant
+        form < determinant
     }
 
     /// Union: the sum of the weights, the moments of both.

@@ -2,16 +2,17 @@
 
 use super::acquisition::{Acquisition, Sweep};
 use super::loss::LossMonitor;
-use super::motion::{Agent, PX, PY, VX, VY};
+use super::motion::{Agent, MotionStep, PX, PY, VX, VY};
 use super::real::{Real, smaller, square};
 use super::zeros;
 use cogmint_core::Config;
-use cogmint_core::model::motion::Motion;
+use cogmint_core::perceptor::belief::acquisition::AcquisitionSettings;
 
 /// The belief.
 #[derive(Clone, Debug)]
 pub struct Belief<T> {
-    motion: Motion,
+    position_std_limit_m: T,
+    settings: AcquisitionSettings,
     /// Variance of a velocity of which nothing is known, per axis.
     speed_m2_s2: T,
     anchors: usize,
@@ -25,8 +26,11 @@ impl<T: Real> Belief<T> {
     /// The tag is somewhere around the prior.
     pub fn new(config: &Config, prior: Agent<T>, anchors: usize) -> Self {
         let speed_m2_s2 = square(T::of(config.start.velocity_std_m_s));
-        let acquisition = Some(Acquisition::new(prior, speed_m2_s2, anchors));
-        Self { motion: config.motion, speed_m2_s2, anchors, acquisition, loss: LossMonitor::new() }
+        let settings = config.acquisition;
+        let acquisition = Some(Acquisition::new(prior, speed_m2_s2, anchors, settings));
+        let position_std_limit_m = T::of(config.motion.position_std_limit_m);
+        let loss = LossMonitor::new();
+        Self { position_std_limit_m, settings, speed_m2_s2, anchors, acquisition, loss }
     }
 
     /// Whether it is not known where the tag is.
@@ -39,15 +43,15 @@ impl<T: Real> Belief<T> {
         self.loss.is_doubtful()
     }
 
-    /// `dt` seconds later. After a gap the tag is between where it was and where its velocity would have brought it.
-    pub fn predict(&mut self, last: &Agent<T>, predicted: &Agent<T>, dt: T) {
+    /// A step of `dt` seconds later. After a gap the tag is between where it was and where its velocity would have brought it.
+    pub fn predict(&mut self, step: &MotionStep<T>, last: &Agent<T>, predicted: &Agent<T>, dt: T) {
         if let Some(acquisition) = &mut self.acquisition {
-            acquisition.predict(&self.motion, dt);
+            acquisition.predict(step, self.position_std_limit_m, dt);
             return;
         }
         let c = &predicted.covariance;
         if LossMonitor::is_too_wide(c[PX][PX], c[PY][PY]) {
-            let reach = T::of(self.motion.position_std_limit_m);
+            let reach = self.position_std_limit_m;
             let position_m2 = [PX, PY].map(|p| {
                 let way = predicted.mean[p] - last.mean[p];
                 smaller(c[p][p] + square(way), square(reach))
@@ -66,7 +70,7 @@ impl<T: Real> Belief<T> {
             prior.covariance[v][v] = velocity_m2_s2[axis];
         }
         self.loss = LossMonitor::new();
-        self.acquisition = Some(Acquisition::new(prior, self.speed_m2_s2, self.anchors));
+        self.acquisition = Some(Acquisition::new(prior, self.speed_m2_s2, self.anchors, self.settings));
     }
 
     /// Weighs the places the tag may be at; where it is taken to be, if anything was heard. Once there is only one place, it is
@@ -93,7 +97,7 @@ impl<T: Real> Belief<T> {
         self.loss.observe(evidence_nat);
         let lost = self.loss.is_lost();
         if lost {
-            let reach = T::of(self.motion.position_std_limit_m);
+            let reach = self.position_std_limit_m;
             let position_m = [believed.mean[PX], believed.mean[PY]];
             self.lose(position_m, [square(reach); 2], [self.speed_m2_s2; 2]);
             if let Some(acquisition) = &mut self.acquisition {

@@ -1,11 +1,12 @@
 //! Clutter memory: how many measurements of each anchor nothing known explains.
 
 use super::association::Clutter;
+use super::clock::gain;
 use super::real::{Real, larger};
 use cogmint_core::config::{AssociationSettings, Ranging};
 
-/// What a scan's number of unexplained measurements counts for.
-const RATE: f32 = 0.05;
+/// Walk of the number: variance per second over that of one count.
+const WALK_PER_S: f32 = 0.026;
 
 /// The memory.
 #[derive(Clone, Debug)]
@@ -31,9 +32,10 @@ impl<T: Real> ClutterMemory<T> {
         }
     }
 
-    /// Enters the number of measurements of a scan that nothing known explains.
-    pub fn remember(&mut self, anchor: usize, unexplained: T) {
-        let mean = T::of(1.0 - RATE) * self.unexplained[anchor] + T::of(RATE) * unexplained;
+    /// Enters the number of measurements of a scan that nothing known explains, `dt` seconds after the last.
+    pub fn remember(&mut self, anchor: usize, unexplained: T, dt: T) {
+        let before = self.unexplained[anchor];
+        let mean = before + gain(WALK_PER_S, dt) * (unexplained - before);
         self.unexplained[anchor] = larger(mean, T::of(self.settings.clutter_per_anchor));
     }
 }

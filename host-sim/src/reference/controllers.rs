@@ -92,6 +92,7 @@ impl<T: Real> Controllers<T> {
                 applied: framed.map_or(self.all[index].action, |scan| scan.action),
                 earned: (heard && !lost).then_some(earned),
                 heard,
+                elapsed_s: outlook.elapsed_s,
                 lost,
                 called,
             };

@@ -12,15 +12,14 @@ use super::environment::EnvironmentMemory;
 use super::information::position_entropy_nat;
 use super::known::{Expected, Known, Told, outlook};
 use super::loss::evidence_nat;
-use super::manoeuvre::{ACCELERATION_FACTOR, is_doubtful, is_manoeuvre};
+use super::manoeuvre::{is_doubtful, is_manoeuvre};
 use super::map::{Changes, Map};
-use super::motion::{PX, PY};
+use super::motion::{MotionStep, PX, PY, ProcessNoise};
 use super::real::{Real, smaller, square};
 use super::receiver::{AnchorEstimate, Receiver, Scan};
 use super::remember::Memories;
 use super::state_filter::{Prior, StateFilter};
-use cogmint_core::model::observation::Observation;
-use cogmint_core::model::source::Source;
+use cogmint_core::model::observation::{Observation, TagHeight};
 use cogmint_core::radio::library::Action;
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
 
@@ -134,11 +133,11 @@ impl<T: Real> Reference<T> {
         );
         let room = [capacity.anchors, capacity.actions];
         Self {
-            receiver: Receiver::new(config.radio, config.ranging, [capacity.anchors, capacity.paths], &first),
+            receiver: Receiver::new(&config, [capacity.anchors, capacity.paths], &first),
             belief: Belief::new(&config, filter.agent(), capacity.anchors),
             filter,
             environment,
-            discovery: Discovery::new(capacity.anchors),
+            discovery: Discovery::new(capacity.anchors, config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &config.ranging, capacity.anchors),
             channel,
             controllers: Controllers::new(config.controller, anchors.len(), &library, seed, room),
@@ -154,30 +153,34 @@ impl<T: Real> Reference<T> {
         &mut self,
         observations: &[Observation<'_>],
         elapsed_s: f32,
-        tag_height_m: Option<f32>,
+        tag_height: Option<TagHeight>,
     ) -> Intermediates<T> {
         let elapsed_s = T::of(elapsed_s);
         let Self { config, anchors, library, receiver, belief, filter, .. } = self;
         let Self { environment, discovery, clutter, channel, controllers, .. } = self;
-        let told = Told { config, anchors, library, tag_height_m };
+        let told = Told { config, anchors, library, tag_height };
 
         // Receive and estimate.
         let links = controllers.links(belief.is_acquiring());
-        let (estimates, scans) = receiver.receive(observations, &links, channel.losses_ln(), library);
+        let (estimates, scans) =
+            receiver.receive(observations, elapsed_s, &links, channel.losses_ln(), library);
 
         // Predict.
         let last = filter.agent();
+        let step = MotionStep::new(&config.motion, elapsed_s);
         filter.predict(elapsed_s);
         let predicted = filter.agent();
-        discovery.predict(&last, &predicted, elapsed_s);
-        belief.predict(&last, &predicted, elapsed_s);
+        discovery.predict(&last, &predicted, &step);
+        belief.predict(&step, &last, &predicted, elapsed_s);
+        environment.predict(config.association.disappearance_per_s, elapsed_s);
+        channel.predict(elapsed_s);
 
         // Locate, where it is not known where the tag is.
         if let Some(acquisition) = &belief.acquisition {
             // Candidates are relative to a tag that is about to jump.
             discovery.clear();
             let known = Known { filter, environment, channel, clutter };
-            let sweep = |scan: &Scan<T>| known.sweep(&told, scan, acquisition, elapsed_s);
+            let sweep = |scan: &Scan<T>| known.sweep(&told, scan, acquisition);
             let sweeps: Vec<_> = scans.iter().map(sweep).collect();
             if let Some(agent) = belief.locate(&sweeps) {
                 filter.place(&agent);
@@ -190,17 +193,14 @@ impl<T: Real> Reference<T> {
             scans.iter().map(|scan| known.expect(&told, scan)).collect()
         };
         let mut expected = all(filter);
-        if !belief.is_acquiring()
-            && are_direct_paths_missing(&told, &Known { filter, environment, channel, clutter }, &scans)
-        {
+        if !belief.is_acquiring() && are_direct_paths_missing(&scans, &expected) {
             let before = filter.agent_covariance();
-            let acceleration_std_m_s2 =
-                T::of(ACCELERATION_FACTOR) * T::of(config.motion.acceleration_std_m_s2);
-            filter.disturb(acceleration_std_m_s2, elapsed_s);
+            let velocity = square(T::of(config.start.velocity_std_m_s));
+            filter.disturb(&ProcessNoise::of_turn(velocity, elapsed_s));
             let widened = all(filter);
             let [motion, manoeuvre] =
                 [&expected, &widened].map(|expected| total_evidence_nat(&scans, expected, clutter));
-            if is_manoeuvre(motion, manoeuvre) {
+            if is_manoeuvre(motion, manoeuvre, elapsed_s) {
                 expected = widened;
             } else {
                 filter.set_agent_covariance(&before);
@@ -212,7 +212,7 @@ impl<T: Real> Reference<T> {
         let mut evidence_nat = T::ZERO;
         for (scan, expected) in scans.into_iter().zip(expected) {
             let known = Known { filter, environment, channel, clutter };
-            let (viewpoint, background) = known.discovery_view(&told, scan.anchor);
+            let (viewpoint, background) = known.discovery_view(&told, scan.anchor, &expected[0].regression);
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
             let clutter = clutter.clutter(scan.anchor);
             let outcome = associate_scan(scan, expected, claims, &clutter, config.association.mode);
@@ -232,7 +232,7 @@ impl<T: Real> Reference<T> {
 
         // Remember, and discover.
         let mut memories = Memories { environment, channel, clutter };
-        memories.remember(&told, filter, belief, receiver, controllers, &outcomes);
+        memories.remember(&told, belief, receiver, controllers, &outcomes);
         let mut changes = Changes::default();
         if !acquiring && !belief.is_doubtful() {
             let mut map = Map { filter, environment, channel, discovery };
@@ -282,15 +282,14 @@ impl<T: Real> Reference<T> {
 }
 
 /// Whether to think of a manoeuvre.
-fn are_direct_paths_missing<T: Real>(told: &Told<'_, T>, known: &Known<'_, T>, scans: &[Scan<T>]) -> bool {
+fn are_direct_paths_missing<T: Real>(scans: &[Scan<T>], expected: &[Vec<Expected<T>>]) -> bool {
     let mut direct = Vec::new();
-    for scan in scans {
-        let source = Source::Direct { anchor: scan.anchor };
-        let line = known.filter.regress(source, &told.sight(scan.anchor));
+    for (scan, expected) in scans.iter().zip(expected) {
+        let path = &expected[0].feature;
         let nis = scan.measurements.iter().map(|measurement| {
-            square(measurement.range_m - line.range_m) / (line.variance_m2() + measurement.variance_m2)
+            square(measurement.range_m - path.range_m) / (path.variance_m2 + measurement.variance_m2)
         });
-        direct.push((known.detection(told, scan, source, Some(line.range_m)), nis.reduce(smaller)));
+        direct.push((path.detection, nis.reduce(smaller)));
     }
     is_doubtful(&direct)
 }

@@ -56,7 +56,8 @@ impl<T: Real> Map<'_, T> {
             return changes;
         }
         for Outcome { scan, expected, claims, beliefs, .. } in outcomes {
-            let (viewpoint, background) = self.known(clutter).discovery_view(told, scan.anchor);
+            let (viewpoint, background) =
+                self.known(clutter).discovery_view(told, scan.anchor, &expected[0].regression);
             let known_m: Vec<T> = expected.iter().map(|expected| expected.regression.range_m).collect();
             self.discovery.observe(
                 scan.anchor,
@@ -161,7 +162,7 @@ impl<T: Real> Map<'_, T> {
         let mut detections = vec![T::ZERO; self.environment.records.len()];
         for (slot, record) in self.environment.in_use() {
             let source = Source::Virtual { anchor: record.anchor, slot };
-            detections[slot] = self.known(clutter).detection(told, scan, source, None);
+            detections[slot] = self.known(clutter).detection(told, scan, source, None).probability;
         }
         detections
     }

@@ -7,7 +7,7 @@
 //! | file | stage |
 //! | --- | --- |
 //! | [`real`] | the number type: `f32` or `f64` |
-//! | [`range`], [`motion`], [`soft_update`] | what every estimate of the tag uses |
+//! | [`range`], [`motion`], [`clock`], [`soft_update`] | what every estimate of the tag, and every memory, uses |
 //! | [`pulse`], [`channel_estimator`], [`gain_control`], [`receiver`] | frames to paths, paths to scans |
 //! | [`belief`], [`acquisition`], [`loss`], [`manoeuvre`] | whether it is known where the tag is, and where it may be |
 //! | [`known`], [`overlap`] | what a scan is expected to show |
@@ -33,6 +33,7 @@ pub mod association;
 pub mod belief;
 pub mod channel_estimator;
 pub mod channel_memory;
+pub mod clock;
 pub mod clutter;
 pub mod controller;
 pub mod controllers;

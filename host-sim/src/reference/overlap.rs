@@ -5,13 +5,7 @@
 
 use super::pulse::Pulse;
 use super::real::{Real, abs, exp, larger, limited, speed_of_light, square, tau};
-
-/// Pulse durations beyond which there is no disturbance.
-const FARTHEST: f32 = 2.0;
-/// Step of the derivative of R, pulse durations.
-const STEP: f32 = 1.0 / 16.0;
-/// Scale of the distance within which two paths are one, pulse durations.
-const MERGED: f32 = 0.6;
+use cogmint_core::perceptor::expectation::overlap::{FARTHEST, MERGED, STEP};
 
 /// An expected path.
 #[derive(Clone, Copy, Debug)]

@@ -7,16 +7,11 @@
 //! The channel estimator uses R from a table of 64 steps per T_p up to 4 T_p, interpolated linearly: the table is
 //! part of the contract, not the closed form.
 
-use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
+use cogmint_core::radio::pulse::{
+    BAND_POINTS, LAG, LEAST_NYQUIST, PULSE_SAMPLES, PulseShape, STEPS, SUPPORT, UNTOUCHED,
+};
 
 use super::real::{Real, abs, cos, larger, limited, pi, sin, speed_of_light, sqrt, square, tau};
-
-/// Table steps per pulse duration.
-const STEPS: usize = 64;
-/// Pulse durations beyond which R counts as zero.
-const SUPPORT: usize = 4;
-/// Lag from sample to sample of a limited pulse, pulse durations.
-const LAG: f32 = SUPPORT as f32 / (PULSE_SAMPLES - 1) as f32;
 
 /// A pulse.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,12 +56,12 @@ impl<T: Real> Pulse<T> {
         let num = T::of;
         let Shape::RootRaisedCosine(roll_off) = self.shape else { return self };
         let nyquist = num(0.5) * self.duration_s / spacing_s;
-        if num(0.5) * (T::ONE + roll_off) < num(0.85) * nyquist || nyquist < num(0.25) {
+        if num(0.5) * (T::ONE + roll_off) < num(UNTOUCHED) * nyquist || nyquist < num(LEAST_NYQUIST) {
             return self;
         }
         let mut sums = vec![T::ZERO; PULSE_SAMPLES];
-        for n in 0..32 {
-            let frequency = (T::of_count(n) + num(0.5)) * (nyquist * num(1.0 / 32.0));
+        for n in 0..BAND_POINTS {
+            let frequency = (T::of_count(n) + num(0.5)) * (nyquist * num(1.0 / BAND_POINTS as f32));
             let into = (frequency - num(0.5) * (T::ONE - roll_off)) / larger(roll_off, num(1e-3));
             let beyond = (frequency - num(0.8) * nyquist) / (num(0.2) * nyquist);
             let power = falling(into) * falling(beyond);

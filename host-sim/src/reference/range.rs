@@ -4,11 +4,12 @@
 //! weights 1/3 and 1/6 each. From f at these points follow the mean of f(z), its slope C^-1 cov(z, f), the variance along that
 //! line and the variance around it.
 
-use super::real::{Real, larger, sqrt, square};
+use super::real::{Real, abs, larger, sqrt, square};
+pub use cogmint_core::model::range::SMALLEST_SPREAD_M2;
 use cogmint_core::model::source::Source;
 
-/// Least variance that sigma points are spread by, square metres.
-pub const SMALLEST_SPREAD_M2: f32 = 1e-12;
+/// Shortest range that is divided by, metres.
+const SHORTEST_M: f32 = 1e-6;
 /// Spread of the sigma points, standard deviations: the square root of 3.
 const ROOT_3: f32 = 1.732_050_8;
 
@@ -17,8 +18,8 @@ const ROOT_3: f32 = 1.732_050_8;
 pub struct Sight<T> {
     /// Position of the anchor, metres.
     pub anchor_m: [T; 2],
-    /// Its height above the tag, metres.
-    pub height_m: T,
+    /// Its height above the tag, metres: mean and standard deviation.
+    pub height_m: [T; 2],
 }
 
 /// The line that a range follows around the predicted state.
@@ -86,9 +87,19 @@ pub fn five_points<T: Real>(covariance: [T; 3], least: [f32; 2], f: impl Fn([T; 
     Line { centre, mean: centre + mean, slope: [over_x, over_y], explained, residual }
 }
 
-/// The line of r(d) = sqrt(|d|^2 + height^2) for a Gaussian d with covariance `spread` (xx, yx, yy).
-pub fn regress_distance<T: Real>([dx, dy]: [T; 2], spread: [T; 3], height_m: T) -> Line<T> {
-    five_points(spread, [SMALLEST_SPREAD_M2; 2], |[x, y]| {
-        sqrt(square(dx + x) + square(dy + y) + square(height_m))
-    })
+/// The line of r(d) = sqrt(|d|^2 + height^2) for a Gaussian d with covariance `spread` (xx, yx, yy). The height has a mean and a
+/// deviation; the latter adds to the variance around the line.
+pub fn regress_distance<T: Real>([dx, dy]: [T; 2], spread: [T; 3], height_m: [T; 2]) -> Line<T> {
+    let mut line = five_points(spread, [SMALLEST_SPREAD_M2; 2], |[x, y]| {
+        sqrt(square(dx + x) + square(dy + y) + square(height_m[0]))
+    });
+    line.residual += height_variance_m2(height_m, line.centre);
+    line
+}
+
+/// Variance of a range of `range_m` from the deviation of the height between its ends: slope times deviation, squared.
+pub fn height_variance_m2<T: Real>([mean_m, std_m]: [T; 2], range_m: T) -> T {
+    // No range is shorter than its height.
+    let range_m = larger(larger(range_m, abs(mean_m)), T::of(SHORTEST_M));
+    square(mean_m / range_m * std_m)
 }

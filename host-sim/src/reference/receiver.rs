@@ -5,12 +5,15 @@ use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel};
 use super::controller::Library;
 use super::gain_control::GainControl;
 use super::pulse::Pulse;
-use super::real::{Real, abs, speed_of_light, square};
+use super::real::{Real, abs, smaller, speed_of_light, square};
+use cogmint_core::Config;
 use cogmint_core::config::{Radio, Ranging};
 use cogmint_core::model::observation::{Frame, Observation, RangeScan};
+use cogmint_core::perceptor::channel_estimator::EstimatorSettings;
+use cogmint_core::perceptor::scan::ARTEFACT_RATIO;
 
-/// SINR over its own above which a path within a pulse may have left another as a remainder.
-const ARTEFACT_RATIO: f32 = 4.0;
+/// Longest silence that is told from a longer one, seconds: a day.
+const LONGEST_S: f32 = 86_400.0;
 
 /// The paths of a frame, with its anchor.
 pub type AnchorEstimate<T> = (usize, ChannelEstimate<T>);
@@ -22,6 +25,8 @@ pub struct Scan<T> {
     pub anchor: usize,
     /// The action its frame was received with.
     pub action: usize,
+    /// Seconds since the anchor's last scan.
+    pub elapsed_s: T,
     /// Ranges, then paths.
     pub measurements: Vec<Measurement<T>>,
     /// The frame, in which a missing path means something; none where there are only ranges.
@@ -38,6 +43,8 @@ pub struct Level<T> {
     sample_spacing_s: T,
     /// The power that counts as 1.
     unit: T,
+    /// Seconds since the anchor's last frame.
+    pub elapsed_s: T,
     /// Threshold on the normalised energy of a path.
     pub threshold: T,
     /// Length of a pulse, metres.
@@ -75,6 +82,7 @@ pub struct Link {
 #[derive(Clone, Debug)]
 pub struct Receiver<T> {
     radio: Radio,
+    settings: EstimatorSettings,
     ranging: Ranging,
     /// Most measurements of a scan.
     room: usize,
@@ -86,33 +94,41 @@ pub struct Receiver<T> {
     pub gain_control: Vec<GainControl<T>>,
     /// Last frame counter seen, by anchor.
     pub last_sequence: Vec<Option<u32>>,
+    /// Seconds since the last scan and the last frame, by anchor.
+    pub silent_s: Vec<[T; 2]>,
 }
 
 impl<T: Real> Receiver<T> {
     /// Receivers of so many anchors, set to `first`, with room for so many measurements per scan.
-    pub fn new(radio: Radio, ranging: Ranging, [anchors, room]: [usize; 2], first: &Pulse<T>) -> Self {
+    pub fn new(config: &Config, [anchors, room]: [usize; 2], first: &Pulse<T>) -> Self {
         let mut receiver = Self {
-            radio,
-            ranging,
+            radio: config.radio,
+            settings: config.estimator,
+            ranging: config.ranging,
             room,
             estimators: Vec::new(),
             threshold: T::ZERO,
             gain_control: vec![GainControl::default(); anchors],
             last_sequence: vec![None; anchors],
+            silent_s: vec![[T::ZERO; 2]; anchors],
         };
         receiver.threshold = receiver.estimator(first).threshold();
         receiver
     }
 
-    /// The paths of every frame, and one scan per anchor heard. `losses_ln`: ln of the power that each action loses over the
-    /// first.
+    /// The paths of every frame, and one scan per anchor heard, of `dt` seconds. `losses_ln`: ln of the power that each action
+    /// loses over the first.
     pub fn receive(
         &mut self,
         observations: &[Observation<'_>],
+        dt: T,
         links: &[Link],
         losses_ln: &[T],
         library: &Library<T>,
     ) -> (Vec<AnchorEstimate<T>>, Vec<Scan<T>>) {
+        for silent_s in self.silent_s.iter_mut().flatten() {
+            *silent_s = smaller(*silent_s + dt, T::of(LONGEST_S));
+        }
         let mut estimates = Vec::new();
         let mut scans = Vec::new();
         for (anchor, link) in links.iter().enumerate() {
@@ -120,8 +136,14 @@ impl<T: Real> Receiver<T> {
             if mine.is_empty() {
                 continue;
             }
-            let mut scan =
-                Scan { anchor, action: link.expected, measurements: Vec::new(), frame: None, left_out: 0 };
+            let mut scan = Scan {
+                anchor,
+                action: link.expected,
+                elapsed_s: std::mem::replace(&mut self.silent_s[anchor][0], T::ZERO),
+                measurements: Vec::new(),
+                frame: None,
+                left_out: 0,
+            };
             // Ranges first: they outrank the paths near them.
             for observation in &mine {
                 if let Observation::Ranges(ranges) = observation {
@@ -177,7 +199,8 @@ impl<T: Real> Receiver<T> {
         let estimator = self.estimator(pulse);
         let estimate = estimator.estimate(frame.samples, first_sample_delay_s);
         let threshold = estimator.threshold();
-        let unit = self.unit(frame, estimate.noise.white, link, loss_ln);
+        let elapsed_s = std::mem::replace(&mut self.silent_s[frame.anchor][1], T::ZERO);
+        let unit = self.unit(frame, estimate.noise.white, elapsed_s, link, loss_ln);
         let resolution_m = pulse.duration_s * speed_of_light();
         let ranges = scan.measurements.clone();
         for path in &estimate.paths {
@@ -216,6 +239,7 @@ impl<T: Real> Receiver<T> {
             first_sample_delay_s,
             sample_spacing_s: T::of(self.radio.sample_spacing_s),
             unit,
+            elapsed_s,
             threshold,
             resolution_m,
         });
@@ -227,7 +251,7 @@ impl<T: Real> Receiver<T> {
     }
 
     /// What the powers of a frame are measured in.
-    fn unit(&mut self, frame: &Frame<'_>, white: T, link: &Link, loss_ln: T) -> T {
+    fn unit(&mut self, frame: &Frame<'_>, white: T, dt: T, link: &Link, loss_ln: T) -> T {
         if !self.radio.gain_control {
             return T::ONE;
         }
@@ -236,7 +260,7 @@ impl<T: Real> Receiver<T> {
         // The last frame of a turn may come after it, where choices are announced.
         let turn = link.sought_with == own || gain_control.waiting_with() == own;
         let sought = link.is_lost && frame.action != link.held && turn;
-        gain_control.unit(frame.samples, white, frame.action, loss_ln, sought)
+        gain_control.unit(frame.samples, white, dt, frame.action, loss_ln, sought)
     }
 
     /// The estimator of a pulse.
@@ -251,6 +275,7 @@ impl<T: Real> Receiver<T> {
                     radio.samples_per_frame,
                     T::of(radio.false_paths_per_frame),
                     self.room,
+                    self.settings,
                 );
                 self.estimators.push((pulse.clone(), estimator));
                 self.estimators.len() - 1

@@ -7,10 +7,9 @@ use super::channel_memory::{ChannelMemory, Received, jump};
 use super::clutter::ClutterMemory;
 use super::controllers::Controllers;
 use super::environment::EnvironmentMemory;
-use super::known::{Known, Told};
+use super::known::Told;
 use super::real::{Real, larger};
 use super::receiver::{Receiver, Scan};
-use super::state_filter::StateFilter;
 use cogmint_core::model::source::Source;
 
 /// The memories.
@@ -28,7 +27,6 @@ impl<T: Real> Memories<'_, T> {
     pub fn remember(
         &mut self,
         told: &Told<'_, T>,
-        filter: &StateFilter<T>,
         belief: &TagBelief<T>,
         receiver: &mut Receiver<T>,
         controllers: &Controllers<T>,
@@ -37,7 +35,6 @@ impl<T: Real> Memories<'_, T> {
         if !belief.is_acquiring() {
             self.unmask(told, receiver, controllers, outcomes);
         }
-        self.channel.age();
         for outcome in outcomes {
             let scan = &outcome.scan;
             let received = received(self.channel, told, outcome);
@@ -48,10 +45,10 @@ impl<T: Real> Memories<'_, T> {
                     self.remember_noise(outcome, &received);
                 }
             } else {
-                self.remember_sources(told, filter, outcome, &received);
+                self.remember_sources(outcome, &received);
             }
             if !belief.is_acquiring() {
-                self.clutter.remember(scan.anchor, outcome.unexplained());
+                self.clutter.remember(scan.anchor, outcome.unexplained(), scan.elapsed_s);
             }
         }
     }
@@ -92,36 +89,21 @@ impl<T: Real> Memories<'_, T> {
     }
 
     /// Every source: whether it is there, its paths, the noise, and whether it was missed.
-    fn remember_sources(
-        &mut self,
-        told: &Told<'_, T>,
-        filter: &StateFilter<T>,
-        outcome: &Outcome<T>,
-        received: &Received<T>,
-    ) {
+    fn remember_sources(&mut self, outcome: &Outcome<T>, received: &Received<T>) {
         let scan = &outcome.scan;
         for (expected, belief) in outcome.expected.iter().zip(&outcome.beliefs.features) {
             let (source, range_m) = (expected.regression.source, expected.regression.range_m);
             if let Source::Virtual { slot, .. } = source {
-                let known = Known {
-                    filter,
-                    environment: self.environment,
-                    channel: self.channel,
-                    clutter: self.clutter,
-                };
-                let detection = known.detection(told, scan, source, Some(range_m));
                 let seen = belief.missed < T::of(0.5);
-                self.environment.remember(slot, belief.existence, seen, detection);
+                let sighting = expected.sighting;
+                self.environment.remember(slot, belief.existence, seen, sighting, scan.elapsed_s);
             }
             let Some(level) = scan.level(range_m) else { continue };
             for m in own_paths(scan, belief) {
                 self.channel.remember(source, received, &scan.measurements[m], belief.associated[m]);
             }
             self.channel.remember_noise(source, received, [range_m, level]);
-            let known =
-                Known { filter, environment: self.environment, channel: self.channel, clutter: self.clutter };
-            let found = known.found(scan, source, Some(range_m));
-            self.channel.remember_missed(source, found, belief.missed);
+            self.channel.remember_missed(source, expected.found, belief.missed);
         }
         if scan.frame.is_some() {
             self.channel.remember_frame(scan.anchor, received);
@@ -144,7 +126,8 @@ fn received<T: Real>(channel: &ChannelMemory<T>, told: &Told<'_, T>, outcome: &O
         }
     }
     let shares = channel.shares(action, told.library);
-    Received { action, shares, jump: jump(noise / larger(count, T::ONE)) }
+    let elapsed_s = scan.frame.as_ref().map_or(T::ZERO, |frame| frame.elapsed_s);
+    Received { action, elapsed_s, shares, jump: jump(noise / larger(count, T::ONE)) }
 }
 
 /// Indices of the measurements that are probably a feature's, and come from a frame.

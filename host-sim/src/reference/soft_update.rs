@@ -5,9 +5,7 @@
 //! and beta_m nu_m^2, and spread = n_2 - n_1^2. A hard association has beta = 1 and no spread: the Kalman filter.
 
 use super::real::{Real, larger, smaller, square};
-
-/// Most that one update may shrink a variance.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
+use cogmint_core::model::soft_update::LARGEST_SHRINK;
 
 /// The innovations associated with one feature.
 #[derive(Clone, Copy, Debug)]

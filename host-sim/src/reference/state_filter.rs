@@ -4,12 +4,12 @@
 //! A slot without a virtual anchor keeps zeros and is left out of every loop; so are the biases when they are not
 //! estimated.
 //!
-//! Prediction: x <- F x, C <- F C F' + Q.
+//! Prediction: x <- F x, C <- F C F' + Q ([`super::motion`]), and a random walk of the virtual anchors.
 //!
 //! Measurement: z = |d| + b with d = p - a, linearised over the spread of d (five sigma points) to z = mean + h' (x -
 //! E x) + residual, where h has the slope g at p, -g at a, and 1 at b. With w = C h, the update is the soft one along w ([`super::soft_update`]), with S = h' w + residual + measurement variance.
 
-use super::motion::{AGENT, Agent, PX, PY, VX, VY, carried, disturbed};
+use super::motion::{AGENT, Agent, MotionStep, PX, PY, ProcessNoise, VX, VY};
 use super::range::{Regression, SMALLEST_SPREAD_M2, Sight, regress_distance};
 use super::real::{Real, larger, sqrt, square};
 use super::soft_update::{Moments, SoftUpdate};
@@ -18,7 +18,7 @@ use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use std::fmt;
 
-/// Growth of every variance per prediction, to cover rounding.
+/// Growth of every variance before the updates of a cycle, to cover their rounding.
 const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
 /// Largest variance of a velocity and of a virtual anchor's coordinate.
 const VELOCITY_LIMIT: f32 = 1e6;
@@ -223,41 +223,37 @@ impl<T: Real> StateFilter<T> {
         }
     }
 
-    /// Moves the state `dt` seconds ahead.
+    /// Moves the state a step of `dt` seconds ahead.
     pub fn predict(&mut self, dt: T) {
-        let growth = T::ONE + T::of(ROUNDING_MARGIN);
-        for axis in 0..2 {
-            self.mean[axis] = self.mean[axis] + dt * self.mean[2 + axis];
-        }
-        let mut agent = carried(&self.agent_covariance(), dt);
-        for i in 0..AGENT {
-            agent[i][i] *= growth;
-        }
-        let agent = disturbed(&agent, dt, T::of(self.motion.acceleration_std_m_s2));
-        let walk = square(T::of(self.motion.virtual_anchor_walk_m));
+        let step = MotionStep::new(&self.motion, dt);
+        let agent = step.predicted(&self.agent());
+        let walk = square(T::of(self.motion.virtual_anchor_walk_m_sqrt_s)) * dt;
         for i in self.active() {
             if i < AGENT {
-                self.covariance[i][..AGENT].copy_from_slice(&agent[i]);
+                self.mean[i] = agent.mean[i];
+                self.covariance[i][..AGENT].copy_from_slice(&agent.covariance[i]);
                 continue;
             }
-            // C_p* <- C_p* + dt C_v*.
-            for axis in 0..2 {
-                let moved = self.covariance[axis][i] + dt * self.covariance[2 + axis][i];
-                self.set_symmetric(axis, i, moved);
+            // C_x* <- F C_x*.
+            for (p, v) in [(PX, VX), (PY, VY)] {
+                let moved = self.covariance[p][i] + step.drift_s * self.covariance[v][i];
+                let slowed = self.covariance[v][i] * step.decay;
+                self.set_symmetric(p, i, moved);
+                self.set_symmetric(v, i, slowed);
             }
             // A virtual anchor without variance is known exactly and does not walk.
-            let exact = self.covariance[i][i] == T::ZERO;
-            self.covariance[i][i] *= growth;
-            if !self.is_bias(i) && !exact {
+            if !self.is_bias(i) && self.covariance[i][i] > T::ZERO {
                 self.covariance[i][i] += walk;
             }
         }
         self.limit();
     }
 
-    /// After a prediction over `dt`: a further random acceleration over the same time.
-    pub fn disturb(&mut self, acceleration_std_m_s2: T, dt: T) {
-        self.set_agent_covariance(&disturbed(&self.agent_covariance(), dt, acceleration_std_m_s2));
+    /// After a prediction: further noise over the same step.
+    pub fn disturb(&mut self, noise: &ProcessNoise<T>) {
+        let mut covariance = self.agent_covariance();
+        noise.add_to(&mut covariance);
+        self.set_agent_covariance(&covariance);
     }
 
     /// Changes the covariance of position and velocity.
@@ -338,6 +334,13 @@ impl<T: Real> StateFilter<T> {
 
     /// Applies the innovations of a cycle in the order given. All lines were taken at the state as it is now.
     pub fn update(&mut self, innovations: &[Innovation<T>]) {
+        if innovations.is_empty() {
+            return;
+        }
+        // Every variance grows by what rounding may take.
+        for i in self.active() {
+            self.covariance[i][i] *= T::ONE + T::of(ROUNDING_MARGIN);
+        }
         let prior = self.mean.clone();
         for innovation in innovations {
             self.apply(innovation, &prior);

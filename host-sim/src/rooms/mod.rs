@@ -280,6 +280,8 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
     };
     let prior = Prior {
         acceleration_std_m_s2: rounded(acceleration_std_m_s2, 3),
+        acceleration_density_m2_s3: None,
+        velocity_decay_s: None,
         position_m,
         position_std_m,
         velocity_std_m_s: 0.7,
@@ -399,7 +401,11 @@ impl Extent {
 fn tag(seed: u64) -> Tag {
     let mut draws = Draws::new(seed, Aspect::Tag);
     let pattern = draws.weighted(&[(Pattern::Isotropic, 1.0), (Pattern::Dipole, 1.0)]);
-    Tag { height_m: draws.length_m(0.9, 1.5), antenna: Antenna { pattern, ..Antenna::default() } }
+    Tag {
+        height_m: draws.length_m(0.9, 1.5),
+        height_std_m: 0.0,
+        antenna: Antenna { pattern, ..Antenna::default() },
+    }
 }
 
 /// Numbers of anchors: half of the rooms have at most two.

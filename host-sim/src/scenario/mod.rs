@@ -308,13 +308,17 @@ pub struct Tag {
     /// Its height, metres, where the trajectory gives none.
     #[schemars(range(min = -100.0, max = 100.0))]
     pub height_m: f64,
+    /// Standard deviation of its height as the tracker is told it, metres. The height told is wrong by one draw of it, the
+    /// same all the way; the true one is `height_m` or the trajectory's.
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub height_std_m: f64,
     /// Its antenna; it does not turn with the motion.
     pub antenna: Antenna,
 }
 
 impl Default for Tag {
     fn default() -> Self {
-        Self { height_m: defaults::height_m(), antenna: Antenna::default() }
+        Self { height_m: defaults::height_m(), height_std_m: 0.0, antenna: Antenna::default() }
     }
 }
 
@@ -776,9 +780,19 @@ pub struct Errors {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Prior {
-    /// Standard deviation of the white acceleration per axis, m/s^2.
+    /// Standard deviation of an acceleration per axis that is constant within a usual cycle, m/s^2: of the density of its
+    /// square times that cycle's length.
     #[schemars(range(min = 1e-6, max = 100.0))]
     pub acceleration_std_m_s2: f64,
+    /// Spectral density of the white acceleration per axis, m^2/s^3, in place of `acceleration_std_m_s2`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1e-12, max = 1e4))]
+    pub acceleration_density_m2_s3: Option<f64>,
+    /// Time constant with which a velocity decays to zero, seconds; `inf`: constant velocity, as published. Without it, the
+    /// tracker's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.1))]
+    pub velocity_decay_s: Option<f64>,
     /// Mean of the first position, metres; without it, drawn in the disc about the true one.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<[Coordinate; 2]>")]
@@ -813,6 +827,8 @@ impl Default for Prior {
     fn default() -> Self {
         Self {
             acceleration_std_m_s2: 0.01,
+            acceleration_density_m2_s3: None,
+            velocity_decay_s: None,
             position_m: None,
             position_std_m: 0.25,
             velocity_std_m_s: 0.03,

@@ -63,7 +63,9 @@ fn check_value(value: &Value, schema: &Schema, key: &mut Vec<String>) -> Result<
                 Value::Float(value) => *value,
                 _ => return Ok(()),
             };
-            if value_is.is_finite() && within(value_is, schema, "minimum", "maximum") {
+            // Only what has no upper bound may be infinite.
+            let may_be = value_is.is_finite() || value_is > 0.0 && schema.get("maximum").is_none();
+            if may_be && within(value_is, schema, "minimum", "maximum") {
                 return Ok(());
             }
             refuse(format!("is {}", spoken(value)))

@@ -170,7 +170,7 @@ mod tests {
         let mut recording = example();
         let tag = recording.start.position_m;
         recording.start.disc_radius_m = None;
-        recording.motion.acceleration_std_m_s2 = 1e-3;
+        recording.motion.acceleration_std_m_s2 = Some(1e-3);
         recording.association.clutter_per_anchor = 1e-3;
         recording.virtual_anchors = [[12.0, 14.0], [-9.0, 15.0]]
             .map(|position_m| VirtualAnchor::new(1, position_m, 0.01, true))

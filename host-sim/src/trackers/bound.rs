@@ -66,7 +66,7 @@ pub fn frames(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Ve
     unknown.sort_by(|&a, &b| told_of[b].total_cmp(&told_of[a]));
     unknown.truncate(MOST_UNKNOWN);
     let std_m = f64::from(setup.config.ranging.max_range_m);
-    let map = Map::new(recording, setup, cycles, |index| {
+    let map = Map::new(recording, setup, |index| {
         if told(index) {
             Some(Wanted::Told)
         } else if told_of[index] > 0.0 && (walls_of(index) || unknown.contains(&index)) {
@@ -80,7 +80,7 @@ pub fn frames(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Ve
 
 /// The same from the labelled paths that were detected, of the sources that a tracker is told.
 pub fn detected(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Vec<f64> {
-    let map = Map::told(recording, setup, cycles);
+    let map = Map::told(recording, setup);
     let worth: Vec<Vec<Worth>> = cycles
         .iter()
         .map(|cycle| {

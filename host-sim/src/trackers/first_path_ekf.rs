@@ -13,7 +13,7 @@ use std::time::Instant;
 
 /// Runs the filter over the scans of a recording.
 pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Vec<Estimate> {
-    let map = Map::new(recording, setup, cycles, |_| None);
+    let map = Map::new(recording, setup, |_| None);
     let mut gaussian = Gaussian::prior(&map);
     let ranging = &setup.config.ranging;
     let (inflation, floor_m) = (f64::from(ranging.variance_inflation), f64::from(ranging.floor_m));

@@ -11,7 +11,7 @@
 //! the slopes are d/do = 2 u and d/dtheta = -2 (q u + s t) with q = t.(m - c), and what came in from the
 //! mirrors before is multiplied by 1 - 2 u u'.
 
-use super::{CycleScans, Source};
+use super::Source;
 use crate::recording::{PlanWall, Recording};
 use crate::replay::Setup;
 
@@ -76,7 +76,6 @@ impl Map {
     pub(crate) fn new(
         recording: &Recording,
         setup: &Setup,
-        cycles: &[CycleScans],
         wanted: impl Fn(usize) -> Option<Wanted>,
     ) -> Self {
         let start = &setup.config.start;
@@ -130,14 +129,14 @@ impl Map {
             biased,
             images,
             prior,
-            acceleration_density: acceleration_density(setup, cycles),
+            acceleration_density: f64::from(setup.config.motion.acceleration_density_m2_s3),
         }
     }
 
     /// Of the virtual anchors that the tracker is told alone.
-    pub(crate) fn told(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Self {
+    pub(crate) fn told(recording: &Recording, setup: &Setup) -> Self {
         let told = |index: usize| recording.virtual_anchors[index].known && !setup.map.is_empty();
-        Self::new(recording, setup, cycles, |index| told(index).then_some(Wanted::Told))
+        Self::new(recording, setup, |index| told(index).then_some(Wanted::Told))
     }
 
     /// Number of states.
@@ -239,20 +238,6 @@ pub(crate) enum Wanted {
     Told,
     /// Nothing: it is where it truly is, with this deviation.
     Unknown { std_m: f64 },
-}
-
-/// Density of the tag's white acceleration: over a usual cycle the velocity's variance grows as in the core, which
-/// takes the acceleration for constant within a cycle.
-fn acceleration_density(setup: &Setup, cycles: &[CycleScans]) -> f64 {
-    let std_m_s2 = f64::from(setup.config.motion.acceleration_std_m_s2);
-    std_m_s2 * std_m_s2 * usual_period_s(cycles)
-}
-
-/// Median time from cycle to cycle, seconds; the first has no cycle before it.
-pub(crate) fn usual_period_s(cycles: &[CycleScans]) -> f64 {
-    let mut periods: Vec<f64> = cycles.iter().skip(1).map(|cycle| cycle.elapsed_s).collect();
-    periods.sort_by(f64::total_cmp);
-    periods.get(periods.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// A wall becomes a mirror, and its errors two more states.

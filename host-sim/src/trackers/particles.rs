@@ -10,7 +10,6 @@
 //! C_s the deviation of the virtual anchor told, and R_m = 1.44 std^2 + (0.1 c Tp)^2 + (2 mm)^2. A miss costs nothing:
 //! which sources are seen from where is not known. The map is not learnt.
 
-use super::map::usual_period_s;
 use super::{CycleScans, Estimate, Scan, rise_m};
 use crate::channel::random::{Purpose, normal, stream, uniform};
 use crate::recording::Recording;
@@ -51,8 +50,7 @@ pub fn run(
     seed: u64,
 ) -> Vec<Estimate> {
     let features = features(setup);
-    let acceleration = f64::from(setup.config.motion.acceleration_std_m_s2);
-    let density = acceleration * acceleration * usual_period_s(cycles);
+    let density = f64::from(setup.config.motion.acceleration_density_m2_s3);
     let mut particles = start(recording, setup, count, seed);
     let mut ln_weights = vec![0.0; particles.len()];
     let cycle = |(index, cycle): (usize, &CycleScans)| {

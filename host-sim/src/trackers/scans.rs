@@ -43,7 +43,16 @@ pub fn scans(recording: &Recording, setup: &Setup) -> Vec<CycleScans> {
         .map(|action| {
             let pulse = radio.pulse(action);
             let (spacing_s, samples) = (radio.sample_spacing_s, radio.samples_per_frame);
-            (pulse, ChannelEstimator::new(pulse, spacing_s, samples, radio.false_paths_per_frame))
+            (
+                pulse,
+                ChannelEstimator::new(
+                    pulse,
+                    spacing_s,
+                    samples,
+                    radio.false_paths_per_frame,
+                    setup.config.estimator,
+                ),
+            )
         })
         .collect();
     let inputs: Vec<CycleInput<'_>> = inputs(recording).collect();
@@ -54,7 +63,7 @@ pub fn scans(recording: &Recording, setup: &Setup) -> Vec<CycleScans> {
         .map(|(cycle, input)| CycleScans {
             time_s: cycle.time_s,
             elapsed_s: f64::from(input.elapsed_s),
-            tag_height_m: input.tag_height_m.map(f64::from),
+            tag_height_m: input.tag_height.map(|height| f64::from(height.mean_m)),
             scans: cycle_scans(setup, &estimators, &input.observations()),
         })
         .collect();

@@ -25,7 +25,7 @@ fn recording(
     Recording {
         name: "ranges".into(),
         source: "made for a test".into(),
-        motion: Motion { acceleration_std_m_s2: acceleration },
+        motion: Motion::published(acceleration),
         start: Start {
             position_m: [3.0, 2.0],
             position_std_m,
@@ -109,7 +109,7 @@ fn where_ranges_are_linear_told_gives_the_weighted_mean() {
     let mut cycles = at_rest(&recording, [3.3, 1.8], count, std_m, &mut rng);
     // So that what the velocity adds stays out of it.
     cycles.iter_mut().for_each(|cycle| cycle.elapsed_s = 1e-4);
-    let map = Map::told(&recording, &setup, &cycles);
+    let map = Map::told(&recording, &setup);
     let mut gaussian = super::gaussian::Gaussian::prior(&map);
     let variance_m2 = std_m * std_m;
     let mut sums = [0.0; 2];
@@ -194,7 +194,7 @@ fn drawn_from_the_model(
     let mut tag = recording.start.position_m.map(|x| x + recording.start.position_std_m * normal(rng));
     let mut velocity = [0.0; 2].map(|_: f64| recording.start.velocity_std_m_s * normal(rng));
     // White acceleration in continuous time that changes the velocity as much per cycle as the core's.
-    let root = recording.motion.acceleration_std_m_s2 * period_s;
+    let root = recording.motion.acceleration_std_m_s2.unwrap() * period_s;
     let mut cycles = Vec::new();
     for n in 0..40 {
         for axis in 0..2 {
@@ -253,7 +253,7 @@ fn the_errors_of_told_are_as_large_as_it_claims_where_its_model_holds() {
 fn the_slopes_of_an_image_over_its_walls_are_its_derivatives() {
     let mut rng = stream(3, Purpose::Experiment, &[]);
     let (recording, images) = plan_room(&mut rng);
-    let map = Map::told(&recording, &setup(&recording), &[]);
+    let map = Map::told(&recording, &setup(&recording));
     let state: Vec<f64> = (0..map.states()).map(|_| 0.05 * normal(&mut rng)).collect();
     for index in 0..images.len() {
         let anchor = recording.virtual_anchors[index].anchor;

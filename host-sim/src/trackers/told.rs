@@ -27,7 +27,7 @@ use std::time::Instant;
 
 /// Runs the filter over the scans of a recording.
 pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Vec<Estimate> {
-    let map = Map::told(recording, setup, cycles);
+    let map = Map::told(recording, setup);
     let mut mixture = start(&map);
     let mut estimates = Vec::with_capacity(cycles.len());
     for (index, cycle) in cycles.iter().enumerate() {

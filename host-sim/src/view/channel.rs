@@ -7,7 +7,7 @@ use crate::replay::{PATHS, pulse_shape};
 use cogmint_core::Config;
 use cogmint_core::model::observation;
 use cogmint_core::model::observation::SampleFault;
-use cogmint_core::perceptor::channel_estimator::{ChannelEstimator, FirstPathDetector};
+use cogmint_core::perceptor::channel_estimator::{ChannelEstimator, EstimatorSettings, FirstPathDetector};
 use cogmint_core::radio::pulse::Pulse;
 use std::path::Path;
 
@@ -92,7 +92,13 @@ fn panel(
     let duration_s = action.pulse_duration_s as f32;
     let shape = pulse_shape(&recording.radio);
     let pulse = Pulse { duration_s, shape }.sampled_every(spacing_s as f32);
-    let estimator = ChannelEstimator::<PATHS>::new(pulse, spacing_s as f32, count, false_paths);
+    let estimator = ChannelEstimator::<PATHS>::new(
+        pulse,
+        spacing_s as f32,
+        count,
+        false_paths,
+        EstimatorSettings::default(),
+    );
     let estimate = estimator.estimate(samples, first_s as f32)?;
     let estimated = estimate.paths.iter().map(|path| {
         let [re, im] = path.amplitude.map(f64::from);

@@ -173,7 +173,7 @@ pub fn recording(seed: u64) -> Recording {
     let mut recording = Recording {
         name: format!("case {seed}"),
         source: "drawn to be hard".into(),
-        motion: Motion { acceleration_std_m_s2: pick(seed, Field::Acceleration, &[0.01, 3.0]) },
+        motion: Motion::of_acceleration(pick(seed, Field::Acceleration, &[0.01, 3.0])),
         start: Start {
             position_m: start_m,
             position_std_m: pick(seed, Field::StartStd, &[0.25, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0]),

@@ -22,37 +22,33 @@
 mod observe;
 
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
+use crate::model::clock::{gain, probability};
 use crate::model::measurement::Measurement;
 use crate::model::source::Source;
 use crate::radio::library::Library;
 use crate::real::{abs, exp, larger, limited, ln, smaller};
 
-/// Ageing of the counts of frames per cycle: after some 140 cycles half is forgotten.
-const AGEING: f32 = 0.995;
-/// Frames remembered at most, of an action.
-const WINDOW: f32 = 40.0;
-/// How fast the energy of a source follows at least, and how many of its paths count at most.
-const ENERGY_RATE: f32 = 0.15;
-const ENERGY_WINDOW: f32 = 40.0;
-/// How fast the level of noise of a source follows.
-const NOISE_RATE: f32 = 0.2;
-/// How fast its usual level follows that, down and up, and how far the place alone raises noise above the usual, as ln: what
-/// goes on rising beyond that, however slowly, is interference.
-const USUAL_FALL: f32 = 0.05;
-const USUAL_RISE: f32 = 0.01;
+/// How fast frames heard and interference are forgotten, per second: half in 35 seconds.
+const FORGETTING_PER_S: f32 = 0.02;
+/// How fast levels change, each as the variance of its walk per second over that of one frame: the energy of a source; the
+/// noise where its path arrives; its usual noise, down and up; and the excess of an action that is familiar.
+const ENERGY_WALK_PER_S: f32 = 0.26;
+const NOISE_WALK_PER_S: f32 = 0.5;
+const USUAL_FALL_PER_S: f32 = 0.026;
+const USUAL_RISE_PER_S: f32 = 0.001;
+const EXCESS_WALK_PER_S: f32 = 0.01;
+/// How far the place alone raises noise above the usual, as ln: what goes on rising beyond that, however slowly, is
+/// interference.
 const PLACE_LN: f32 = 0.7;
-/// How fast the excess of an action follows: a familiar one, how much faster an unknown one, and any one when
-/// interference comes or goes. This much is left of it after a frame.
-const EXCESS_RATE: f32 = 0.03;
+/// How much faster the excess of an unknown action follows, and any one when interference comes or goes.
 const EXCESS_NEWS: f32 = 0.5;
 const EXCESS_JUMP: f32 = 0.6;
-const EXCESS_AGEING: f32 = 0.995;
 /// Mean change of an anchor's noise, as ln, from which on it is interference in part, and over which it becomes so as a
 /// whole.
 const JUMP_LN: f32 = 0.6;
 const JUMP_WIDTH_LN: f32 = 0.4;
-/// Probability per cycle that a source hides, or comes out.
-const TURNING: f32 = 0.02;
+/// How often a source hides, or comes out, per second.
+const TURNS_PER_S: f32 = 0.1;
 /// Bounds of ln SINR (1e-3 to 1e12).
 const LEAST_SINR_LN: f32 = -6.9;
 const MOST_SINR_LN: f32 = 27.6;
@@ -183,13 +179,16 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         shares
     }
 
-    /// A cycle passes: counts age, and what was visible may have gone behind something, or come out.
-    pub fn age(&mut self) {
+    /// Time passes: counts of frames are forgotten, and what was visible may have gone behind something, or come out.
+    pub fn predict(&mut self, elapsed_s: f32) {
+        // A symmetric two-state chain forgets its state at twice the rate at which it turns.
+        let turned = 0.5 * probability(2.0 * TURNS_PER_S, elapsed_s);
+        let kept = 1.0 - probability(FORGETTING_PER_S, elapsed_s);
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors).filter(|row| row.is_seen()) {
-            row.visibility += TURNING * (1.0 - 2.0 * row.visibility);
+            row.visibility += turned * (1.0 - 2.0 * row.visibility);
         }
         for count in self.heard.iter_mut().flatten() {
-            *count *= AGEING;
+            *count *= kept;
         }
     }
 
@@ -206,7 +205,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 
     /// Enters the level of noise in a frame received with `action`, whose `shares` these are, where the path of `source`
-    /// arrives if it is `range_m` long; `jump` is [`jump`].
+    /// arrives if it is `range_m` long, `elapsed_s` seconds after the last; `jump` is [`jump`].
     pub fn remember_noise(
         &mut self,
         source: Source,
@@ -214,6 +213,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         shares: &Shares<ACTIONS>,
         (range_m, level): (f32, f32),
         jump: f32,
+        elapsed_s: f32,
     ) {
         if self.full_band {
             return;
@@ -233,16 +233,18 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             }
         };
         let innovation = level_ln - (noise_ln + row.excess_ln(action));
-        let rate = larger(EXCESS_JUMP * jump, EXCESS_RATE + EXCESS_NEWS * news);
-        let noise_ln = noise_ln + NOISE_RATE * (1.0 - jump) * ((1.0 - rate) * innovation);
+        let rate = larger(EXCESS_JUMP * jump, gain(EXCESS_WALK_PER_S, elapsed_s) + EXCESS_NEWS * news);
+        let noise_ln =
+            noise_ln + gain(NOISE_WALK_PER_S, elapsed_s) * (1.0 - jump) * ((1.0 - rate) * innovation);
         let above = larger(noise_ln - (row.usual_ln + PLACE_LN), 0.0);
         let entered = rate * innovation + above;
+        let kept = 1.0 - probability(FORGETTING_PER_S, elapsed_s);
         for (excess, share) in row.excess_ln.iter_mut().zip(shares) {
-            *excess = EXCESS_AGEING * *excess + share * entered;
+            *excess = kept * *excess + share * entered;
         }
         let noise_ln = noise_ln - above;
-        let usual = if noise_ln < row.usual_ln { USUAL_FALL } else { USUAL_RISE };
-        row.usual_ln += usual * (noise_ln - row.usual_ln);
+        let walk_per_s = if noise_ln < row.usual_ln { USUAL_FALL_PER_S } else { USUAL_RISE_PER_S };
+        row.usual_ln += gain(walk_per_s, elapsed_s) * (noise_ln - row.usual_ln);
         row.noise_ln = Some(noise_ln);
     }
 
@@ -261,15 +263,23 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         }
     }
 
-    /// Enters a path observed with `action`, and believed to belong to `source` with probability `weight`.
-    pub fn remember(&mut self, source: Source, action: usize, path: &Measurement, weight: f32) {
+    /// Enters a path observed with `action`, `elapsed_s` seconds after the last frame, and believed to belong to `source` with
+    /// probability `weight`.
+    pub fn remember(
+        &mut self,
+        source: Source,
+        action: usize,
+        path: &Measurement,
+        weight: f32,
+        elapsed_s: f32,
+    ) {
         let news = self.news(source.anchor(), action);
         let energy_ln = self.compensated_ln(action, path);
         let Some(row) = self.row_mut(source) else { return };
         let innovation = energy_ln - row.energy_ln;
-        let gain = larger(ENERGY_RATE * (1.0 - news) * weight, weight / (row.paths + weight + 1e-6));
-        row.energy_ln += gain * innovation;
-        row.paths = row.paths * (1.0 - weight * (1.0 / ENERGY_WINDOW)) + weight;
+        let familiar = gain(ENERGY_WALK_PER_S, elapsed_s) * (1.0 - news) * weight;
+        row.energy_ln += larger(familiar, weight / (row.paths + weight + 1e-6)) * innovation;
+        row.paths += weight;
     }
 
     /// Enters that `source` was missed with probability `missed` in a frame where it would have been found with probability
@@ -285,7 +295,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     pub fn remember_frame(&mut self, anchor: usize, shares: &Shares<ACTIONS>) {
         let Some(heard) = self.heard.get_mut(anchor) else { return };
         for (count, share) in heard.iter_mut().zip(shares) {
-            *count = *count * (1.0 - share * (1.0 / WINDOW)) + share;
+            *count += share;
         }
     }
 
@@ -414,12 +424,12 @@ mod tests {
         path: Option<Measurement>,
     ) {
         let shares = memory.shares(action, library);
-        memory.age();
+        memory.predict(0.1);
         let jump = jump(memory.noise_innovation_ln(SOURCE, action, level).unwrap_or(0.0));
         if let Some(path) = &path {
-            memory.remember(SOURCE, action, path, 1.0);
+            memory.remember(SOURCE, action, path, 1.0, 0.1);
         }
-        memory.remember_noise(SOURCE, action, &shares, (2.0, level), jump);
+        memory.remember_noise(SOURCE, action, &shares, (2.0, level), jump, 0.1);
         let found = detection_probability(memory.sinr(SOURCE, action), 6.0);
         memory.remember_missed(SOURCE, found, if path.is_some() { 0.0 } else { 1.0 });
         memory.remember_frame(0, &shares);

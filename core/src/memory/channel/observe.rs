@@ -1,12 +1,10 @@
 //! What the channel memory keeps of a scan.
 
 use super::{ChannelMemory, Shares, jump};
-use crate::model::channel::ChannelKnowledge;
 use crate::model::range::Regression;
 use crate::model::source::Source;
 use crate::perceptor::association::Belief;
 use crate::perceptor::association::outcome::AssociatedScan;
-use crate::perceptor::expectation::found;
 use crate::perceptor::scan::Scan;
 use crate::radio::library::Library;
 use crate::real::larger;
@@ -25,8 +23,9 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         }
         let shares = self.shares(scan.action, library);
         let jump = self.jump(associated);
-        for (regression, belief) in associated.features() {
+        for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
             self.observe_source(regression, scan, &shares, belief, jump);
+            self.remember_missed(regression.source, view.found, belief.missed);
         }
         self.remember_frame(scan.anchor, &shares);
     }
@@ -95,7 +94,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     ) {
         let Regression { source, range_m, .. } = *regression;
         if let Some(level) = scan.level(range_m) {
-            self.remember_noise(source, scan.action, shares, (range_m, level), jump);
+            self.remember_noise(source, scan.action, shares, (range_m, level), jump, scan.since_frame_s());
         }
     }
 
@@ -111,14 +110,9 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         let source = regression.source;
         for (path, weight) in scan.measurements.iter().zip(&belief.associated) {
             if *weight > 0.5 && path.sinr > 0.0 {
-                self.remember(source, scan.action, path, *weight);
+                self.remember(source, scan.action, path, *weight, scan.since_frame_s());
             }
         }
         self.observe_level(regression, scan, shares, jump);
-        let range_m = regression.range_m;
-        let sinr_here =
-            scan.level(range_m).and_then(|level| self.sinr_over(source, scan.action, range_m, level));
-        let found = found(scan, self.sinr(source, scan.action), sinr_here);
-        self.remember_missed(source, found, belief.missed);
     }
 }

@@ -2,32 +2,30 @@
 
 use super::common_motion::{Correction, Prediction};
 use super::hypothesis::{Hypothesis, turned};
-use super::{Background, Discovered, GATE, HYPOTHESES, Viewpoint};
+use super::{Background, Discovered, DiscoverySettings, GATE, HYPOTHESES, Viewpoint};
+use crate::model::detection::HIDDEN_DETECTION;
 use crate::model::measurement::Measurement;
-use crate::model::soft_update::Moments;
+use crate::model::range::{LEAST_RADIUS2_M2, height_variance_m2};
+use crate::model::soft_update::{LEAST_WEIGHT, Moments};
 use crate::real::{TAU, exp, larger, limited, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
-/// Direction of a ring's first hypothesis, at pi / 12, and the rotation to each next one, pi / 6: 12 in all.
-const FIRST_DIRECTION: [f32; 2] = [0.965_925_8, 0.258_819_04];
-const NEXT_DIRECTION: [f32; 2] = [0.866_025_4, 0.5];
-/// Hypotheses lighter than this are dropped.
-const LIGHTEST: f32 = 1e-4;
-/// Existence of a candidate: it is dropped below the first, and never more certain than the second.
-const LEAST_EXISTENCE: f32 = 0.02;
-const MOST_EXISTENCE: f32 = 0.999;
-/// Scans that the detection probability told counts for, against what is seen of the candidate itself.
-const DETECTION_PRIOR: f32 = 4.0;
-/// Resolved: at least this many ranges,
-const RESOLVED_HITS: u16 = 20;
-/// this probable,
-const RESOLVED_EXISTENCE: f32 = 0.9;
-/// this much weight on one hypothesis,
-const RESOLVED_WEIGHT: f32 = 0.9995;
-/// and an arc of one standard deviation that strays from its chord by no more than this share of the radius'
-/// deviation: only then is it a Gaussian in the plane.
-const RESOLVED_BEND: f32 = 1.0;
+/// Mathematics: cosine and sine of the direction of a ring's first hypothesis, at pi / 12.
+pub const FIRST_DIRECTION: [f32; 2] = [0.965_925_8, 0.258_819_04];
+/// Mathematics: cosine and sine of the rotation to each next one, pi / 6: 12 in all.
+pub const NEXT_DIRECTION: [f32; 2] = [0.866_025_4, 0.5];
+/// Guard: against work on what has no say: hypotheses lighter than this are dropped.
+pub const LIGHTEST: f32 = 1e-4;
+/// Capacity: candidates less probable than this make room.
+pub const LEAST_EXISTENCE: f32 = 0.02;
+/// Guard: against certainty that no miss would undo: most that existence may become.
+pub const MOST_EXISTENCE: f32 = 0.999;
+/// Guard: against a detection probability from few scans: the one told counts for so many.
+pub const DETECTION_PRIOR: f32 = 4.0;
+/// Guard: against work on what explains nothing: gate of a single hypothesis within that of its candidate, squared standard
+/// deviations; wide, because hypotheses are told apart by it.
+pub const HYPOTHESIS_GATE2: f32 = 50.0;
 
 #[derive(Clone, Debug)]
 pub(super) struct Candidate {
@@ -46,9 +44,10 @@ impl Candidate {
     pub fn ring(viewpoint: &Viewpoint, measurement: &Measurement, existence: f32) -> Self {
         let slant = measurement.range_m - viewpoint.bias_m;
         let height = viewpoint.height_m;
-        let radius_m = sqrt(larger(slant * slant - height * height, 1e-4));
+        let radius_m = sqrt(larger(slant * slant - height * height, LEAST_RADIUS2_M2));
         // d radius = (slant / radius) d slant.
         let stretch = slant / radius_m;
+        let of_height = height_variance_m2(height, viewpoint.height_std_m, slant);
         let half_angle = core::f32::consts::PI / HYPOTHESES as f32;
         let c = &viewpoint.agent.covariance;
         let mut hypotheses = Vec::new();
@@ -57,7 +56,7 @@ impl Candidate {
             // The circle is drawn around where the tag is, the radius counts from where it is believed to be.
             let [ux, uy] = direction;
             let (ax, ay) = (ux * c.m11 + uy * c.m21, ux * c.m21 + uy * c.m22);
-            let range = measurement.variance_m2 * (stretch * stretch);
+            let range = (measurement.variance_m2 + of_height) * (stretch * stretch);
             let hypothesis = Hypothesis {
                 direction,
                 radius_m,
@@ -95,7 +94,7 @@ impl Candidate {
         // Relative to the first hypothesis, so that the variance keeps its digits.
         let mut origin = None;
         for hypothesis in &self.hypotheses {
-            let line = hypothesis.regress(offset, viewpoint.height_m);
+            let line = hypothesis.regress(offset, viewpoint.height_m, viewpoint.height_std_m);
             let relative = line.range_m - *origin.get_or_insert(line.range_m);
             mean += hypothesis.weight * relative;
             second += hypothesis.weight * (relative * relative + line.variance_m2);
@@ -140,7 +139,7 @@ impl Candidate {
         let mut sum = 0.0;
         let mut hit = 0.0;
         for hypothesis in &mut self.hypotheses {
-            let line = hypothesis.regress(offset, viewpoint.height_m);
+            let line = hypothesis.regress(offset, viewpoint.height_m, viewpoint.height_std_m);
             let mut associated = Moments::default();
             let mut noise = 0.0;
             for ((measurement, &psi), &nu) in measurements.iter().zip(psi).zip(nu) {
@@ -150,7 +149,7 @@ impl Candidate {
                 let variance = line.variance_m2 + measurement.variance_m2;
                 let innovation = measurement.range_m - viewpoint.bias_m - line.range_m;
                 let nis = innovation * innovation / variance;
-                if nis < 50.0 {
+                if nis < HYPOTHESIS_GATE2 {
                     let p = nu * (scale * exp(-0.5 * nis) / sqrt(TAU * variance));
                     associated.weight += p;
                     associated.first_m += p * innovation;
@@ -162,7 +161,7 @@ impl Candidate {
             hit += hypothesis.weight * associated.weight;
             hypothesis.weight *= total;
             sum += hypothesis.weight;
-            if associated.weight > 1e-3 * total {
+            if associated.weight > LEAST_WEIGHT * total {
                 let variance = line.variance_m2 + noise / associated.weight;
                 associated.weight /= total;
                 associated.first_m /= total;
@@ -198,7 +197,7 @@ impl Candidate {
     pub fn detection(&self, background: &Background) -> f32 {
         let told = background.detection_probability;
         let seen = DETECTION_PRIOR * told + f32::from(self.hits) - 1.0;
-        limited(seen / (DETECTION_PRIOR + f32::from(self.age) - 1.0), 0.1, told)
+        limited(seen / (DETECTION_PRIOR + f32::from(self.age) - 1.0), HIDDEN_DETECTION, told)
     }
 
     /// From the tag to the origin, metres.
@@ -246,10 +245,10 @@ impl Candidate {
     }
 
     /// The virtual anchor, once all hypotheses that matter are about one place.
-    pub fn resolved(&self) -> Option<Discovered> {
+    pub fn resolved(&self, settings: &DiscoverySettings) -> Option<Discovered> {
         let heaviest = self.heaviest()?;
-        if self.hits < RESOLVED_HITS
-            || self.existence < RESOLVED_EXISTENCE
+        if self.hits < settings.resolved_hits
+            || self.existence < settings.resolved_existence
             // A candidate that has just missed may be dying.
             || self.missed
         {
@@ -267,8 +266,10 @@ impl Candidate {
         }
         let union = union?;
         let [aa, _, rr] = union.covariance;
+        // An arc of one standard deviation may stray from its chord by the radius' deviation: only then is it a Gaussian in the
+        // plane.
         let bend = 0.5 * aa * union.radius_m;
-        if union.weight <= RESOLVED_WEIGHT || bend * bend > RESOLVED_BEND * RESOLVED_BEND * rr {
+        if union.weight <= settings.resolved_weight || bend * bend > rr {
             return None;
         }
         let (position, gain, covariance) = union.given_tag(self.origin_m);

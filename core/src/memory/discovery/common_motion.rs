@@ -4,7 +4,7 @@
 //! The tag's error is no noise of single ranges but a shift common to many of them. A filter that only considers it
 //! (Schmidt) has coloured innovations, and a product of their densities takes one shift for many proofs. A hypothesis
 //! therefore carries the joint Gaussian of virtual anchor h and tag position p. Of the tag's velocity it knows what the
-//! state filter knows given p: p <- p + dt (v + C_vp C_pp^-1 (p_own - p)); measurements of other sources reach it as the
+//! state filter knows given p: p <- p + drift (v + C_vp C_pp^-1 (p_own - p)); measurements of other sources reach it as the
 //! information on p that they gave the state filter: J = C_pp+^-1 - C_pp^-1.
 
 use crate::model::motion::Agent;
@@ -44,23 +44,23 @@ fn position(agent: &Agent) -> Matrix2<f32> {
 
 /// A prediction: p <- A p, C_pp <- A C_pp A' + Q.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Prediction {
+pub(crate) struct Prediction {
     pub transition: Matrix2<f32>,
     pub noise: Matrix2<f32>,
 }
 
 impl Prediction {
-    /// From the agent before and after the state filter's prediction over `elapsed_s`.
-    pub fn new(before: &Agent, after: &Agent, elapsed_s: f32) -> Self {
+    /// From the agent before and after the state filter's prediction, over which a velocity carries for `drift_s` seconds.
+    pub fn new(before: &Agent, after: &Agent, drift_s: f32) -> Self {
         let old = position(before);
         let c = &before.covariance;
         let velocity = Matrix2::new(c.m31, c.m32, c.m41, c.m42);
         let gain = product(&velocity, &precision(&old));
         let transition = Matrix2::new(
-            1.0 + elapsed_s * gain.m11,
-            elapsed_s * gain.m12,
-            elapsed_s * gain.m21,
-            1.0 + elapsed_s * gain.m22,
+            1.0 + drift_s * gain.m11,
+            drift_s * gain.m12,
+            drift_s * gain.m21,
+            1.0 + drift_s * gain.m22,
         );
         let carried = product(&product(&transition, &old), &transition.transpose());
         let new = position(after);
@@ -76,7 +76,7 @@ impl Prediction {
 
 /// An update: the information J on the position and its vector relative to the predicted position.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Correction {
+pub(crate) struct Correction {
     /// J.
     pub information: Matrix2<f32>,
     /// C_pp+^-1 (p+ - p).

@@ -9,17 +9,17 @@
 //! The joint covariance with the tag's position, seen by this hypothesis alone, is explained in `common_motion`.
 
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product};
-use crate::model::range::{FivePoints, SIGMA_POINT};
-use crate::model::soft_update::Moments;
+use crate::model::range::{FivePoints, SIGMA_POINT, height_variance_m2};
+use crate::model::soft_update::{LARGEST_SHRINK, Moments};
 use crate::real::{larger, smaller, sqrt};
 use nalgebra::{Matrix2, Vector2};
 
-/// Least variances: of an angle, of a radius and of the tag's position (square metres).
-const LEAST_ANGLE: f32 = 1e-14;
-const LEAST_RADIUS_M2: f32 = 1e-12;
-const LEAST_TAG_M2: f32 = 1e-12;
-/// Neighbouring hypotheses whose squared Mahalanobis distance is below this are merged.
-const MERGE_DISTANCE2: f32 = 1.0;
+/// Guard: against the division by its root: least variance of an angle.
+pub const LEAST_ANGLE: f32 = 1e-14;
+/// Guard: against the division by its root: least variance of a radius, square metres.
+pub const LEAST_RADIUS_M2: f32 = 1e-12;
+/// Guard: against a covariance that is not positive: least variance of the tag's position, square metres.
+pub const LEAST_TAG_M2: f32 = 1e-12;
 
 /// One place where the virtual anchor may be, seen from the candidate's origin.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +52,7 @@ pub(crate) struct PolarRegression {
 impl Hypothesis {
     /// Five-point regression of the range over angle and radius, and its slope over the tag's position; `offset` leads
     /// from the tag, as the state filter sees it, to the origin.
-    pub fn regress(&self, offset: [f32; 2], height_m: f32) -> PolarRegression {
+    pub fn regress(&self, offset: [f32; 2], height_m: f32, height_std_m: f32) -> PolarRegression {
         let [ox, oy] = offset;
         let (ox, oy) = (ox - self.tag_shift_m.x, oy - self.tag_shift_m.y);
         let [aa, ra, rr] = self.covariance;
@@ -85,12 +85,13 @@ impl Hypothesis {
         let own_r = ga * ra + gr * rr + (px * c.m21 + py * c.m22);
         let tag_x = ga * c.m11 + gr * c.m21 + (px * t.m11 + py * t.m21);
         let tag_y = ga * c.m12 + gr * c.m22 + (px * t.m21 + py * t.m22);
+        let of_height = height_variance_m2(height_m, height_std_m, centre);
         let linear = ga * own_a + gr * own_r + (px * tag_x + py * tag_y);
         PolarRegression {
             range_m: centre + offset,
             own: [own_a, own_r],
             tag: [tag_x, tag_y],
-            variance_m2: larger(linear, LEAST_RADIUS_M2) + residual,
+            variance_m2: larger(linear, LEAST_RADIUS_M2) + (residual + of_height),
         }
     }
 
@@ -100,7 +101,7 @@ impl Hypothesis {
         let [wa, wr] = line.own;
         let [aa, ra, rr] = self.covariance;
         // As in the state filter, no update shrinks a variance by more than 2^-10 at once.
-        let inverse = 1.0 / larger(variance, line.variance_m2 * (1.0 + 1.0 / 1024.0));
+        let inverse = 1.0 / larger(variance, line.variance_m2 * (1.0 + LARGEST_SHRINK));
         let first = associated.first_m;
         let spread = larger(associated.second_m2 - first * first, 0.0);
         // A soft association widens by the spread of its candidates, at most as much as it knew before.
@@ -208,7 +209,7 @@ impl Hypothesis {
         x * u + y * v > 0.5
     }
 
-    /// Squared Mahalanobis distance under the sum of both covariances, against the merging distance.
+    /// Whether it is within one standard deviation of another: Mahalanobis distance under the sum of both covariances.
     pub fn is_close(&self, other: &Hypothesis) -> bool {
         if !self.is_beside(other) {
             return false;
@@ -220,7 +221,7 @@ impl Hypothesis {
         let (aa, ra, rr) = (saa + oaa, sra + ora, srr + orr);
         let determinant = aa * rr - ra * ra;
         let form = rr * (da * da) - 2.0 * (ra * (da * dr)) + aa * (dr * dr);
-        form < MERGE_DISTANCE2 * determinant
+        form < determinant
     }
 
     /// Moment-matched union of two hypotheses.

@@ -9,36 +9,59 @@
 //! Whether there is a virtual anchor at all is a Bernoulli variable of its own, weighed by hits and misses against the
 //! intensity of measurements that nothing explains.
 
-mod candidate;
+pub mod candidate;
 mod common_motion;
-mod hypothesis;
+pub mod hypothesis;
 
 use self::candidate::Candidate;
 use self::common_motion::{Correction, Prediction};
 use crate::model::measurement::Measurement;
-use crate::model::motion::Agent;
+use crate::model::motion::{Agent, MotionStep};
 use crate::real::{abs, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
-/// Candidates per anchor.
+/// Capacity: candidates per anchor, which bound memory and time.
 pub const CANDIDATES: usize = 6;
-/// Hypotheses per candidate.
+/// Mathematics: grid of hypotheses on a ring; capacity of a candidate.
 pub const HYPOTHESES: usize = 12;
 
-/// Gate, standard deviations.
-const GATE: f32 = 3.0;
-/// A ring is drawn only once the tag is known as well as the range (variances), or to 5 cm; and candidates are
-/// given up when it is known worse than 1 m.
-const SETTLED_SHARE: f32 = 1.0;
-const SETTLED_M2: f32 = 2.5e-3;
-const LOST_M2: f32 = 1.0;
-/// Deviations by which a reflection is at least longer than the direct path.
-const CLEARLY: f32 = 3.0;
-/// Rounds of messages.
-const ROUNDS: usize = 10;
-/// Least probability that a new leftover is the path of a virtual anchor.
-const LEAST_PRIOR: f32 = 0.1;
+/// Guard: against work on what explains nothing: gate, standard deviations.
+pub const GATE: f32 = 3.0;
+/// Guard: against candidates that a lost tag would carry off: they are given up when its position's variances exceed this
+/// together, square metres.
+pub const LOST_M2: f32 = 1.0;
+/// Guard: against a second candidate for the direct path: deviations by which a reflection is at least longer than it.
+pub const CLEARLY: f32 = 3.0;
+/// Capacity: rounds of messages, which bound the time.
+pub const ROUNDS: usize = 10;
+/// Guard: against candidates that never get a chance: least probability that a new leftover is the path of a virtual anchor.
+pub const LEAST_PRIOR: f32 = 0.1;
+/// Guard: against the division by it: least probability that known features leave a measurement free.
+pub const LEAST_FREE: f32 = 1e-6;
+
+/// When a candidate is begun, and when it is taken for a virtual anchor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DiscoverySettings {
+    /// A candidate is begun only while the tag's position is known to this standard deviation per axis, metres (1e-3 to 1), or
+    /// as well as the range. Less: later discoveries. More: rings that begin around a wrong place. Chosen on development rooms.
+    pub begin_below_m: f32,
+    /// Ranges that a candidate has had at least when it is taken for a virtual anchor (2 to 1000). Less: sooner, and more false
+    /// virtual anchors. Chosen on development rooms.
+    pub resolved_hits: u16,
+    /// Probability that there is one (0.5 to 0.99). Less: more false virtual anchors. Chosen on development rooms.
+    pub resolved_existence: f32,
+    /// Probability of the one place taken (0.5 to 0.99999). Less: sooner, and now and then its mirror image. Chosen on
+    /// development rooms.
+    pub resolved_weight: f32,
+}
+
+impl Default for DiscoverySettings {
+    fn default() -> Self {
+        Self { begin_below_m: 0.05, resolved_hits: 20, resolved_existence: 0.9, resolved_weight: 0.9995 }
+    }
+}
 
 /// A virtual anchor found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +81,8 @@ pub struct Viewpoint {
     pub agent: Agent,
     /// Height of the anchor (and so of its images in walls) above the tag, metres.
     pub height_m: f32,
+    /// Standard deviation of that height, metres.
+    pub height_std_m: f32,
     /// Bias of the anchor's ranges, metres.
     pub bias_m: f32,
     /// Range of the direct path, bias included, metres: whatever is reflected is longer.
@@ -89,6 +114,7 @@ pub struct Background {
 /// The candidates of every anchor.
 #[derive(Clone, Debug)]
 pub struct Discovery<const ANCHORS: usize> {
+    settings: DiscoverySettings,
     candidates: [Vec<Candidate, CANDIDATES>; ANCHORS],
 }
 
@@ -127,13 +153,12 @@ impl<const PATHS: usize> Claims<PATHS> {
     }
 }
 
-impl<const ANCHORS: usize> Default for Discovery<ANCHORS> {
-    fn default() -> Self {
-        Self { candidates: core::array::from_fn(|_| Vec::new()) }
-    }
-}
-
 impl<const ANCHORS: usize> Discovery<ANCHORS> {
+    /// No candidates.
+    pub fn new(settings: DiscoverySettings) -> Self {
+        Self { settings, candidates: core::array::from_fn(|_| Vec::new()) }
+    }
+
     /// Number of candidates of an anchor.
     pub fn candidates(&self, anchor: usize) -> usize {
         self.candidates.get(anchor).map_or(0, |candidates| candidates.len())
@@ -144,13 +169,13 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         self.candidates.iter_mut().for_each(Vec::clear);
     }
 
-    /// The state filter has predicted the agent `elapsed_s` seconds ahead.
-    pub fn predict(&mut self, before: &Agent, after: &Agent, elapsed_s: f32) {
+    /// The state filter has predicted the agent by a step of the motion.
+    pub fn predict(&mut self, before: &Agent, after: &Agent, step: &MotionStep) {
         if after.covariance.m11 + after.covariance.m22 > LOST_M2 {
             self.clear();
             return;
         }
-        let step = Prediction::new(before, after, elapsed_s);
+        let step = Prediction::new(before, after, step.drift_s);
         self.candidates.iter_mut().flatten().for_each(|candidate| candidate.predict(&step));
     }
 
@@ -198,7 +223,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         let known = {
             let mut known = claims.totals();
             for (total, free) in known.iter_mut().zip(free) {
-                *total *= 1.0 / larger(*free, 1e-6) - 1.0;
+                *total *= 1.0 / larger(*free, LEAST_FREE) - 1.0;
             }
             known
         };
@@ -231,12 +256,13 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         candidates.retain(Candidate::is_plausible);
         let c = &viewpoint.agent.covariance;
         let tag = 0.5 * (c.m11 + c.m22);
+        let begin_below_m = self.settings.begin_below_m;
         let prior = larger(1.0 - background.false_alarms_per_m / background.all_per_m, LEAST_PRIOR);
         for (measurement, unclaimed) in measurements.iter().zip(&unclaimed) {
             let deviation = sqrt(viewpoint.direct_variance_m2 + measurement.variance_m2);
             let is_reflection = measurement.range_m > viewpoint.direct_m + CLEARLY * deviation;
             let apart = known_m.clone().all(|known_m| abs(measurement.range_m - known_m) >= resolution_m);
-            let settled = tag < larger(SETTLED_SHARE * measurement.variance_m2, SETTLED_M2);
+            let settled = tag < larger(measurement.variance_m2, begin_below_m * begin_below_m);
             if *unclaimed > 0.5 && settled && is_reflection && apart && !candidates.is_full() {
                 let _ = candidates.push(Candidate::ring(viewpoint, measurement, prior));
             }
@@ -249,7 +275,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         let mut found = None;
         candidates.retain(|candidate| {
             if found.is_none() {
-                found = candidate.resolved();
+                found = candidate.resolved(&self.settings);
                 found.is_none()
             } else {
                 true
@@ -270,21 +296,30 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::motion::ProcessNoise;
     use nalgebra::{Matrix4, Vector4};
 
     fn walk(points: impl Iterator<Item = [f32; 2]>, truth: [f32; 2]) -> Option<Discovered> {
-        let mut discovery = Discovery::<1>::default();
+        let mut discovery = Discovery::<1>::new(DiscoverySettings::default());
         let mut noise = 0.013;
+        let still = ProcessNoise { position_m2: 0.0, cross_m2_s: 0.0, velocity_m2_s2: 0.0 };
+        let step = MotionStep { drift_s: 1.0, decay: 1.0, noise: still };
         for [x, y] in points {
             // The tag's error is fresh in every scan.
             let covariance = Matrix4::from_diagonal(&Vector4::new(1e-4, 1e-4, 1e-4, 1e-4));
             let agent = Agent { mean: Vector4::new(x, y, 0.0, 0.0), covariance };
             let mut forgotten = agent;
             forgotten.covariance *= 2.0;
-            discovery.predict(&agent, &forgotten, 1.0);
+            discovery.predict(&agent, &forgotten, &step);
             discovery.follow(&forgotten, &agent);
-            let viewpoint =
-                Viewpoint { agent, height_m: 0.0, bias_m: 0.0, direct_m: 0.0, direct_variance_m2: 0.0 };
+            let viewpoint = Viewpoint {
+                agent,
+                height_m: 0.0,
+                height_std_m: 0.0,
+                bias_m: 0.0,
+                direct_m: 0.0,
+                direct_variance_m2: 0.0,
+            };
             noise = -noise;
             let range_m = (x - truth[0]).hypot(y - truth[1]) + noise;
             let mut leftovers: Vec<Measurement, 4> = Vec::new();

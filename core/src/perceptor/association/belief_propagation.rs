@@ -8,10 +8,10 @@ use super::Belief;
 use super::factors::{Row, Rows, Stage, members};
 use crate::real::abs;
 
-/// Relative change of every message below which the iteration has converged.
-const TOLERANCE: f32 = 1e-4;
-/// Iteration cap.
-const ITERATIONS: usize = 60;
+/// Guard: against endless small changes: relative change of every message below which the iteration has converged.
+pub const TOLERANCE: f32 = 1e-4;
+/// Capacity: iterations, which bound the time.
+pub const ITERATIONS: usize = 60;
 
 impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
     /// Exchanges messages between the loopy features and the measurements within their gates until they stand

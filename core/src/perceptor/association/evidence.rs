@@ -1,13 +1,13 @@
 //! Evidence of a scan for the place it was compared at.
 
+use super::factors::GATE;
 use crate::model::measurement::{Clutter, Measurement, is_earlier};
 use crate::perceptor::expectation::Expectation;
 use crate::real::{TAU, abs, exp, ln, sqrt};
 
-/// Spread of the paths of a tag that is elsewhere, metres.
-const ELSEWHERE_M: f32 = 1.0;
-/// Gate, squared standard deviations: what is beyond it is unexpected here.
-const GATE2: f32 = 16.0;
+/// Mathematics: scale of the Cauchy distribution of where the paths of a tag that is elsewhere are, metres.
+pub const ELSEWHERE_M: f32 = 1.0;
+
 /// Evidence of one scan that the tag is where these features are expected from, nats: the direct path, and the virtual anchors.
 pub fn evidence_nat<'a>(
     measurements: &[Measurement],
@@ -29,7 +29,7 @@ pub fn evidence_nat<'a>(
             let innovation = measurement.range_m - feature.range_m;
             let squared = innovation * innovation;
             let variance = feature.variance_m2 + measurement.variance_m2;
-            if squared < GATE2 * variance && !(is_earlier && index > 0) {
+            if squared < GATE * GATE * variance && !(is_earlier && index > 0) {
                 here += probability * exp(-0.5 * (squared / variance)) / sqrt(TAU * variance);
             }
             elsewhere += probability * (2.0 * ELSEWHERE_M / TAU) / (ELSEWHERE_M * ELSEWHERE_M + squared);

@@ -21,11 +21,11 @@ use super::{Beliefs, Joint};
 use crate::real::larger;
 use heapless::Vec;
 
-/// Values held at once: (features + 2) times the states of the widest step must fit. Six features that contest six
+/// Capacity: values held at once, which bound the memory: (features + 2) times the states of the widest step must fit. Six features that contest six
 /// measurements do, or thirty where no more than four are open at a time.
-pub(super) const STATES: usize = 512;
-/// Features of one cluster.
-const FEATURES: usize = 32;
+pub const STATES: usize = 512;
+/// Capacity: features of one cluster.
+pub const FEATURES: usize = 32;
 
 /// When a measurement of the cluster is open.
 #[derive(Clone, Copy, Debug)]

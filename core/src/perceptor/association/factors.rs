@@ -5,8 +5,11 @@ use crate::perceptor::expectation::Expectation;
 use crate::real::{exp, larger, sqrt};
 use heapless::Vec;
 
-/// Beyond this many standard deviations a measurement cannot belong to a feature.
-const GATE: f32 = 4.0;
+/// Guard: against work on what explains nothing: beyond this many standard deviations a measurement cannot belong to a feature.
+pub const GATE: f32 = 4.0;
+/// Guard: against the division by it: least probability that a feature gives no measurement. One that cannot be missed would
+/// leave no room for lost paths either.
+pub const LEAST_ABSENT: f32 = 1e-6;
 
 /// How a feature's beliefs are formed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,8 +82,7 @@ impl<const PATHS: usize> Row<PATHS> {
         Self {
             stage: Stage::Waiting,
             range_m: expectation.range_m,
-            // A feature that cannot be missed would leave no room for lost paths.
-            absent: larger(absent, 1e-6),
+            absent: larger(absent, LEAST_ABSENT),
             psi,
             gated: 0,
             nu: [1.0; PATHS],

@@ -16,10 +16,10 @@
 //! direct path" a factor lambda_fa / lambda; and no virtual anchor gets one that is clearly shorter than the direct path is
 //! expected to be, because a map that is wrong would then explain away that the tag is elsewhere.
 
-mod belief_propagation;
+pub mod belief_propagation;
 pub mod evidence;
-mod exact;
-mod factors;
+pub mod exact;
+pub mod factors;
 pub mod outcome;
 
 use super::expectation::Expectation;
@@ -39,6 +39,23 @@ pub enum Mode {
     /// The most probable joint association (as published); in clusters too large for it, the most probable pairs
     /// first, conflicts repaired greedily.
     Map,
+}
+
+/// What association assumes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct AssociationSettings {
+    /// Soft or most probable.
+    pub mode: Mode,
+    /// Probability that an existing feature is detected (0.01 to 0.999).
+    pub detection_probability: f32,
+    /// Mean number of false alarms per anchor and cycle (1e-3 to 100), uniform up to the longest range.
+    pub clutter_per_anchor: f32,
+    /// Expected number of paths per anchor that come from virtual anchors not in the map, at the start (0 to 100);
+    /// adapted to what is seen.
+    pub unmapped_per_anchor: f32,
+    /// How often a virtual anchor ceases to exist, per second (0 to 10). Larger gives up walls sooner.
+    pub disappearance_per_s: f32,
 }
 
 /// What the most probable joint association of its cluster gives a feature.

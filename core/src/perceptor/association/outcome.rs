@@ -4,13 +4,10 @@ use super::evidence::evidence_nat;
 use super::{Belief, Beliefs, Mode, associate};
 use crate::model::measurement::{Clutter, Measurement};
 use crate::model::range::Regression;
-use crate::model::soft_update::Moments;
+use crate::model::soft_update::{LEAST_WEIGHT, Moments};
 use crate::perceptor::expectation::Expectations;
 use crate::perceptor::scan::Scan;
 use heapless::Vec;
-
-/// Total probability below which an association moves nothing: guard of the division by it.
-const LEAST_WEIGHT: f32 = 1e-3;
 
 /// A scan, its expectations and the beliefs about them.
 #[derive(Clone, Debug)]

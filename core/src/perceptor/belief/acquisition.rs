@@ -17,47 +17,70 @@
 //! proposes places, and none is settled on.
 
 use crate::model::measurement::{Measurement, is_earlier};
-use crate::model::motion::{Agent, Motion, predicted};
-use crate::model::range::{DistanceRegression, regress_distance};
-use crate::model::soft_update::{Moments, SoftUpdate};
+use crate::model::motion::{Agent, MotionStep};
+use crate::model::range::{DistanceRegression, LEAST_RADIUS2_M2, height_variance_m2, regress_distance};
+use crate::model::soft_update::{LEAST_WEIGHT, Moments, SoftUpdate};
 use crate::real::{TAU, exp, larger, ln, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix4, Vector4};
 
-/// Places held at once.
+/// Capacity: places held at once, which bound memory and time.
 pub const PLACES: usize = 26;
-/// Arcs per circle, and the rotation from one to the next: 2 pi / 64.
+/// Mathematics: grid of arcs on a circle.
 pub const DIRECTIONS: usize = 64;
-const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
-/// Half of an arc, as a standard deviation: arcs overlap.
-const ARC_STD: f32 = 0.06;
-/// Least share of an arc's variance in that along its radius: the rounding of its covariance.
-const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
-/// Ranges per anchor, the shortest first, that are tried as the direct path.
-const EARLIEST: usize = 4;
-/// Ranges per anchor that are remembered from one scan to the next.
-const EARLIER: usize = 8;
-/// Scans back that are remembered.
+/// Mathematics: cosine and sine of the rotation from one arc to the next, 2 pi / 64.
+pub const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
+/// Mathematics: standard deviation of an arc along the circle, radians: 1.2 times half its length, so that arcs overlap.
+pub const ARC_STD: f32 = 0.06;
+/// Guard: against the rounding of an arc's covariance: least share of its variance in that along its radius.
+pub const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
+/// Capacity: ranges per anchor, the shortest first, that are tried as the direct path; they bound the time.
+pub const EARLIEST: usize = 4;
+/// Capacity: ranges per anchor that are remembered from one scan to the next.
+pub const EARLIER: usize = 8;
+/// Capacity: scans back that are remembered.
 const SCANS: usize = 2;
-/// Branches of one place in one cycle.
-const BRANCHES: usize = 8;
-/// Gate, squared standard deviations.
-const GATE2: f32 = 9.0;
-/// Gate of arcs against the prior, squared standard deviations; where none is within it, the prior was wrong, and its
-/// position's variances grow by the factor.
-const PRIOR_GATE2: f32 = 36.0;
-const DOUBT: f32 = 4.0;
-/// Places lighter than this are dropped.
-const LIGHTEST: f32 = 1e-9;
-/// Places are proposed as long as all that are not among them weigh more than this.
-const NEWCOMER: f32 = 1e-5;
-/// Settled: this much weight at one place, in so many cycles with measurements since places were last proposed.
-const SETTLED_WEIGHT: f32 = 0.999_999;
-const SETTLED_CYCLES: u16 = 8;
-/// Places nearer than this to each other may all go into one Gaussian, metres.
-const NEAR_M: f32 = 0.3;
-/// Places this close, squared Mahalanobis distance, are one.
-const SAME2: f32 = 1.0;
+/// Capacity: branches of one place in one cycle, which bound the time.
+pub const BRANCHES: usize = 8;
+/// Guard: against work on what explains nothing: gate, squared standard deviations.
+pub const GATE2: f32 = 9.0;
+/// Guard: against work on arcs out of the prior's reach: their gate, squared standard deviations.
+pub const PRIOR_GATE2: f32 = 36.0;
+/// Guard: against a prior that was wrong: where no arc is within its reach, its position's variances grow by this factor.
+pub const DOUBT: f32 = 4.0;
+/// Capacity: places lighter than this, of the heaviest, make room.
+pub const LIGHTEST: f32 = 1e-9;
+/// Guard: against ln 0: least factor of a weight.
+pub const LEAST_FACTOR: f32 = 1e-12;
+/// Guard: against the division by it: least determinant of a position's covariance.
+pub const LEAST_DETERMINANT: f32 = 1e-20;
+/// Capacity: ranges of one sweep that reflections tell apart.
+const RANGES: usize = 32;
+
+/// When it is taken to be known where the tag is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct AcquisitionSettings {
+    /// Weight that all places not proposed yet may have, of the heaviest's, until no more are proposed (1e-8 to 0.1). Less:
+    /// longer acquisitions. More: now and then the right place is never proposed. With this, none of 300 seeds of each SLAM
+    /// scenario lost the tag.
+    pub newcomer_weight: f32,
+    /// Share of the weight that the places around the heaviest hold once the tag is found (0.5 to 0.9999999). Less: sooner, and
+    /// now and then in a mirror image. Chosen on development rooms.
+    pub settled_weight: f32,
+    /// Cycles with measurements, since places were last proposed, before it is found (1 to 1000). Less: sooner, by evidence of
+    /// fewer cycles. Chosen on development rooms.
+    pub settled_cycles: u16,
+    /// Places nearer than this to the heaviest count as one with it, metres (0.01 to 10). Less: places that mean the same
+    /// delay it. More: one Gaussian stands for places that are apart. Chosen on development rooms.
+    pub settled_within_m: f32,
+}
+
+impl Default for AcquisitionSettings {
+    fn default() -> Self {
+        Self { newcomer_weight: 1e-5, settled_weight: 0.999_999, settled_cycles: 8, settled_within_m: 0.3 }
+    }
+}
 
 /// What a place expects to hear: a direct path or a virtual anchor.
 #[derive(Clone, Copy, Debug)]
@@ -68,6 +91,8 @@ pub struct Landmark {
     pub covariance_m2: [f32; 3],
     /// Height above the tag, metres.
     pub height_m: f32,
+    /// Its standard deviation, metres.
+    pub height_std_m: f32,
     /// Probability that it exists and is detected.
     pub detection: f32,
 }
@@ -103,6 +128,7 @@ pub struct Acquisition<const ANCHORS: usize> {
     prior: Agent,
     /// Variance of a velocity that nothing is known of, per axis.
     speed_m2_s2: f32,
+    settings: AcquisitionSettings,
     places: Vec<Place, PLACES>,
     /// Cycles with measurements since places were last proposed.
     scans: u16,
@@ -110,19 +136,23 @@ pub struct Acquisition<const ANCHORS: usize> {
     newcomer_ln: f32,
     /// The shortest ranges of each anchor's last scan, metres; 0 for none.
     earlier_m: [[[f32; EARLIER]; SCANS]; ANCHORS],
+    /// How long ago these scans were, seconds.
+    earlier_age_s: [[f32; SCANS]; ANCHORS],
 }
 
 impl<const ANCHORS: usize> Acquisition<ANCHORS> {
     /// Nothing heard yet; the tag is somewhere around the prior. `speed_m2_s2` is the variance per axis of a velocity that
     /// nothing is known of.
-    pub fn new(prior: Agent, speed_m2_s2: f32) -> Self {
+    pub fn new(prior: Agent, speed_m2_s2: f32, settings: AcquisitionSettings) -> Self {
         Self {
             prior,
             speed_m2_s2,
+            settings,
             places: Vec::new(),
             scans: 0,
             newcomer_ln: 0.0,
             earlier_m: [[[0.0; EARLIER]; SCANS]; ANCHORS],
+            earlier_age_s: [[0.0; SCANS]; ANCHORS],
         }
     }
 
@@ -133,20 +163,21 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
 
     /// Moves all places `elapsed_s` seconds ahead. Where nothing would be known of a place any more, the tag is within reach
     /// of it all the same, but what its velocity was tells nothing.
-    pub fn predict(&mut self, motion: &Motion, elapsed_s: f32) {
-        let limit = motion.position_std_limit_m * motion.position_std_limit_m;
+    pub fn predict(&mut self, step: &MotionStep, position_std_limit_m: f32, elapsed_s: f32) {
+        let limit = position_std_limit_m * position_std_limit_m;
+        self.earlier_age_s.iter_mut().flatten().for_each(|age_s| *age_s += elapsed_s);
         for agent in
             self.places.iter_mut().map(|place| &mut place.agent).chain(core::iter::once(&mut self.prior))
         {
             let v = agent.mean;
-            let c = predicted(&agent.covariance, elapsed_s, motion.acceleration_std_m_s2);
+            let c = step.predicted(&agent.covariance);
             if larger(c.m11, c.m22) > limit {
                 let (x, y) = (smaller(c.m11, limit), smaller(c.m22, limit));
                 agent.mean = Vector4::new(v.x, v.y, 0.0, 0.0);
                 agent.covariance =
                     Matrix4::from_diagonal(&Vector4::new(x, y, self.speed_m2_s2, self.speed_m2_s2));
             } else {
-                agent.mean = Vector4::new(v.x + elapsed_s * v.z, v.y + elapsed_s * v.w, v.z, v.w);
+                step.carry_mean(&mut agent.mean);
                 agent.covariance = c;
             }
         }
@@ -161,16 +192,15 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         measurements: &Vec<Measurement, PATHS>,
         all_per_m: f32,
         unmapped: f32,
-        elapsed_s: f32,
     ) -> [f32; PATHS] {
         let c = &self.prior.covariance;
-        let moved_m2 = (elapsed_s * elapsed_s) * (c.m33 + c.m44);
+        let velocity_m2_s2 = c.m33 + c.m44;
         let mut backgrounds = [all_per_m; PATHS];
         for (background, measurement) in backgrounds.iter_mut().zip(measurements) {
             let mut most = 0.0;
-            let mut variance = 2.0 * measurement.variance_m2;
-            for scan in self.earlier_m.get(anchor).into_iter().flatten() {
-                variance += moved_m2;
+            let ages_s = self.earlier_age_s.get(anchor).into_iter().flatten();
+            for (scan, age_s) in self.earlier_m.get(anchor).into_iter().flatten().zip(ages_s) {
+                let variance = 2.0 * measurement.variance_m2 + (age_s * age_s) * velocity_m2_s2;
                 let mut density = 0.0;
                 for earlier_m in scan {
                     let apart = measurement.range_m - earlier_m;
@@ -191,6 +221,9 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         let Some(earlier_m) = self.earlier_m.get_mut(anchor) else { return };
         let [last, before] = earlier_m;
         *before = *last;
+        if let Some([last_s, before_s]) = self.earlier_age_s.get_mut(anchor) {
+            *before_s = core::mem::replace(last_s, 0.0);
+        }
         let mut after = 0.0;
         for range_m in last {
             let mut next = f32::INFINITY;
@@ -216,7 +249,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             return false;
         }
         self.scans = self.scans.saturating_add(1);
-        let newcomers_matter = self.newcomer_ln > ln(NEWCOMER);
+        let newcomers_matter = self.newcomer_ln > ln(self.settings.newcomer_weight);
         let places = core::mem::take(&mut self.places);
         for place in &places {
             for branch in &place.hear(sweeps.clone(), &landmarks, None) {
@@ -242,7 +275,8 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
                 [DOUBT * c.m22, 0.0, 0.0],
                 [c.m33, c.m43, c.m44],
             );
-            *self = Self::new(Agent { mean: self.prior.mean, covariance: doubted }, self.speed_m2_s2);
+            let doubtful = Agent { mean: self.prior.mean, covariance: doubted };
+            *self = Self::new(doubtful, self.speed_m2_s2, self.settings);
         }
         true
     }
@@ -270,10 +304,11 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             after = measurement.range_m;
             let height2 = direct.height_m * direct.height_m;
             let slant = after - sweep.bias_m;
-            let radius = sqrt(larger(slant * slant - height2, 1e-4));
+            let radius = sqrt(larger(slant * slant - height2, LEAST_RADIUS2_M2));
+            let of_height = height_variance_m2(direct.height_m, direct.height_std_m, slant);
             let mut direction = [1.0, 0.0];
             for _ in 0..DIRECTIONS {
-                let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
+                let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2 + of_height;
                 // Most arcs are out of reach of the prior.
                 if let Some(place) = self.on_arc(&direct, direction, radius, variance_m2) {
                     for branch in &place.hear(sweeps.clone(), landmarks, Some((anchor, after))) {
@@ -308,7 +343,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         let c = &self.prior.covariance;
         let (of_prior, of_arc) = (c.m11 * c.m22 - c.m21 * c.m21, along * across);
         let mixed = c.m11 * yy + c.m22 * xx - 2.0 * (c.m21 * yx);
-        let determinant = larger(of_prior + of_arc + mixed, 1e-20);
+        let determinant = larger(of_prior + of_arc + mixed, LEAST_DETERMINANT);
         let inverse = 1.0 / determinant;
         let (ixx, iyx, iyy) = ((c.m22 + yy) * inverse, -((c.m21 + yx) * inverse), (c.m11 + xx) * inverse);
         let [px, py] = arc;
@@ -394,9 +429,10 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         union.map_or(self.prior, |place| place.agent)
     }
 
-    /// Where the tag is, once all places that matter are one, give or take 0.3 m.
+    /// Where the tag is, once all places that matter are one ([`AcquisitionSettings`]).
     pub fn settled(&self) -> Option<Agent> {
-        if self.scans < SETTLED_CYCLES {
+        let AcquisitionSettings { settled_weight, settled_cycles, settled_within_m, .. } = self.settings;
+        if self.scans < settled_cycles {
             return None;
         }
         let heaviest = self.places.iter().reduce(|a, b| if b.weight_ln > a.weight_ln { b } else { a })?;
@@ -405,11 +441,11 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             let weight = exp(place.weight_ln - heaviest.weight_ln);
             let away = place.agent.mean - heaviest.agent.mean;
             all += weight;
-            if away.x * away.x + away.y * away.y < NEAR_M * NEAR_M {
+            if away.x * away.x + away.y * away.y < settled_within_m * settled_within_m {
                 near += weight;
             }
         }
-        (near > SETTLED_WEIGHT * all).then(|| self.summary())
+        (near > settled_weight * all).then(|| self.summary())
     }
 
     /// Every number of the state, in a fixed order, for traces.
@@ -424,6 +460,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         }
         self.places.iter().for_each(|place| f(place.weight_ln));
         self.earlier_m.iter().flatten().flatten().for_each(|range_m| f(*range_m));
+        self.earlier_age_s.iter().flatten().for_each(|age_s| f(*age_s));
     }
 }
 
@@ -467,7 +504,7 @@ impl Place {
             let [expected_m, variance_m2] = expected;
             let shorter = sweep.shorter_cost(expected_m, variance_m2);
             let mut missed = *self;
-            missed.weight_ln += ln(larger((1.0 - direct.detection) * shorter, 1e-12));
+            missed.weight_ln += ln(larger((1.0 - direct.detection) * shorter, LEAST_FACTOR));
             missed.weigh_reflections(sweep, landmarks.clone().skip(1), None, expected);
             keep_heaviest(grown, missed);
         }
@@ -486,7 +523,7 @@ impl Place {
             let shorter = sweep.shorter_cost(measurement.range_m, own);
             // Of the range that put the place where it is, the arc's weight is the integral.
             let density = if given.is_some() { 1.0 } else { exp(-0.5 * nis) / sqrt(TAU * variance) };
-            heard.weight_ln += ln(larger(direct.detection * density * shorter / all_per_m, 1e-12));
+            heard.weight_ln += ln(larger(direct.detection * density * shorter / all_per_m, LEAST_FACTOR));
             if given.is_none() {
                 let hard = Moments { weight: 1.0, first_m: innovation, second_m2: innovation * innovation };
                 heard.correct(&line, explained, own, &hard);
@@ -510,6 +547,7 @@ impl Place {
             [self.agent.mean.x - ax, self.agent.mean.y - ay],
             [c.m11 + xx, c.m21 + yx, c.m22 + yy],
             landmark.height_m,
+            landmark.height_std_m,
         );
         (line, line.explained_m2 + line.residual_m2)
     }
@@ -524,15 +562,14 @@ impl Place {
         taken: Option<usize>,
         [direct_m, direct_variance_m2]: [f32; 2],
     ) {
-        // At most 32 ranges per sweep are told apart.
-        let mut left = [1.0_f32; 32];
+        let mut left = [1.0_f32; RANGES];
         if let Some(taken) = taken.and_then(|taken| left.get_mut(taken)) {
             *taken = 0.0;
         }
         for landmark in reflections {
             let (line, explained) = self.regress(&landmark);
             let [mut weight, mut first, mut second, mut noise] = [0.0; 4];
-            let mut shares = [0.0_f32; 32];
+            let mut shares = [0.0_f32; RANGES];
             let rows = sweep.measurements.iter().zip(sweep.all_per_m).zip(&left).zip(&mut shares);
             for (((measurement, all_per_m), left), share) in rows {
                 let own = measurement.variance_m2 + sweep.bias_variance_m2;
@@ -551,7 +588,7 @@ impl Place {
                 noise += p * own;
             }
             let total = weight + (1.0 - landmark.detection);
-            self.weight_ln += ln(larger(total, 1e-12));
+            self.weight_ln += ln(larger(total, LEAST_FACTOR));
             for (left, share) in left.iter_mut().zip(&shares) {
                 *left *= larger(1.0 - share / total, 0.0);
             }
@@ -560,7 +597,7 @@ impl Place {
             let [gx, gy] = line.slope;
             let [xx, yx, yy] = landmark.covariance_m2;
             let own = gx * (gx * xx + gy * yx) + gy * (gx * yx + gy * yy);
-            if weight > 1e-3 * total && own * weight < noise {
+            if weight > LEAST_WEIGHT * total && own * weight < noise {
                 let moments =
                     Moments { weight: weight / total, first_m: first / total, second_m2: second / total };
                 self.correct(&line, explained, noise / weight, &moments);
@@ -587,6 +624,7 @@ impl Place {
         );
     }
 
+    /// Whether it is within one standard deviation of another place, as a Mahalanobis distance.
     fn is_same(&self, other: &Place) -> bool {
         let (a, b) = (&self.agent, &other.agent);
         let (dx, dy) = (b.mean.x - a.mean.x, b.mean.y - a.mean.y);
@@ -594,7 +632,7 @@ impl Place {
         let yx = a.covariance.m21 + b.covariance.m21;
         let yy = a.covariance.m22 + b.covariance.m22;
         let determinant = xx * yy - yx * yx;
-        yy * (dx * dx) - 2.0 * (yx * (dx * dy)) + xx * (dy * dy) < SAME2 * determinant
+        yy * (dx * dx) - 2.0 * (yx * (dx * dy)) + xx * (dy * dy) < determinant
     }
 
     /// Moment-matched union.
@@ -633,7 +671,7 @@ impl Sweep<'_> {
     /// Logarithm of the weight of a place that may be anywhere: every landmark's range is uniform up to the longest.
     #[inline(never)]
     fn anywhere_ln(&self, mut landmarks: impl Iterator<Item = Landmark>) -> f32 {
-        let mut left = [1.0_f32; 32];
+        let mut left = [1.0_f32; RANGES];
         let Some(direct) = landmarks.next() else { return 0.0 };
         // The direct path is one of the ranges, or missing between two of them; either costs those that are shorter.
         let density = direct.detection * self.anywhere_per_m;
@@ -650,7 +688,7 @@ impl Sweep<'_> {
             let cost = self.shorter_cost(measurement.range_m, 0.0);
             total += cost * ((1.0 - direct.detection) * gap + density / all_per_m);
         }
-        let mut weight_ln = ln(larger(total, 1e-12));
+        let mut weight_ln = ln(larger(total, LEAST_FACTOR));
         for landmark in landmarks {
             let density = landmark.detection * self.anywhere_per_m;
             let mut weight = 0.0;
@@ -658,7 +696,7 @@ impl Sweep<'_> {
                 weight += left * density / all_per_m;
             }
             let total = weight + (1.0 - landmark.detection);
-            weight_ln += ln(larger(total, 1e-12));
+            weight_ln += ln(larger(total, LEAST_FACTOR));
             for (left, all_per_m) in left.iter_mut().zip(self.all_per_m).take(self.measurements.len()) {
                 *left *= larger(1.0 - *left * density / all_per_m / total, 0.0);
             }
@@ -701,19 +739,25 @@ fn symmetric(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::motion::Motion;
     use crate::perceptor::state_filter::StateFilter;
 
     const ANCHORS: [[f32; 2]; 3] = [[0.0, 0.0], [12.0, 1.0], [3.0, 9.0]];
 
     fn motion() -> Motion {
-        Motion { acceleration_std_m_s2: 0.1, virtual_anchor_walk_m: 1e-4, position_std_limit_m: 1e4 }
+        Motion {
+            acceleration_density_m2_s3: 1e-3,
+            velocity_decay_s: f32::INFINITY,
+            virtual_anchor_walk_m_sqrt_s: 3e-4,
+            position_std_limit_m: 1e4,
+        }
     }
 
     /// An acquisition from a prior of `std_m` at the origin, after `scans` scans of exact ranges of `deviation_m` to a tag
     /// at rest at (7, 4); all lengths of the room times `size`.
     fn acquired(size: f32, std_m: f32, deviation_m: f32, scans: usize) -> Acquisition<3> {
         let prior = StateFilter::<1, 1>::new(motion(), [0.0, 0.0], std_m, 0.1, 0.0, 0.0).agent();
-        let mut acquisition = Acquisition::<3>::new(prior, 0.01);
+        let mut acquisition = Acquisition::<3>::new(prior, 0.01, AcquisitionSettings::default());
         let ranges = ANCHORS.map(|[x, y]| {
             let range_m = size * (7.0 - x).hypot(4.0 - y);
             [Measurement {
@@ -725,7 +769,7 @@ mod tests {
             }]
         });
         for _ in 0..scans {
-            acquisition.predict(&motion(), 0.1);
+            acquisition.predict(&motion().step(0.1), 1e4, 0.1);
             let sweeps = ranges.iter().enumerate().map(|(anchor, measurements)| {
                 let sweep = Sweep {
                     measurements,
@@ -742,6 +786,7 @@ mod tests {
                     position_m: ANCHORS[anchor].map(|coordinate| size * coordinate),
                     covariance_m2: [0.0; 3],
                     height_m: 0.0,
+                    height_std_m: 0.0,
                     detection: 0.95,
                 })
             });
@@ -809,8 +854,13 @@ mod tests {
             false_alarms_per_m: 0.03,
             anywhere_per_m: 0.03,
         };
-        let landmark =
-            Landmark { position_m: [0.0, 0.0], covariance_m2: [0.0; 3], height_m: 0.0, detection: 0.95 };
+        let landmark = Landmark {
+            position_m: [0.0, 0.0],
+            covariance_m2: [0.0; 3],
+            height_m: 0.0,
+            height_std_m: 0.0,
+            detection: 0.95,
+        };
         for _ in 0..2 {
             acquisition.observe(core::iter::once((0, sweep)), |_| core::iter::once(landmark));
         }

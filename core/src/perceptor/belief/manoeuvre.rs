@@ -3,14 +3,15 @@
 //! Somebody who turns on his heel changes his velocity by more than a metre per second within one cycle: ten deviations
 //! of an acceleration that fits the rest of his way. The next paths then lie outside all gates, and what lies inside
 //! belongs to something else. So where direct paths are not near where they are expected, two hypotheses compete: the motion
-//! as configured, and one of [`ACCELERATION_FACTOR`] times the acceleration. (A virtual anchor that is off says as much about
+//! as configured, and one in which the velocity was drawn anew once. (A virtual anchor that is off says as much about
 //! the map as about the motion, and raises no suspicion.) Each is weighed by the evidence of the scans for the place that it
 //! predicts (see [`super::loss`]); the manoeuvre wins if it gains more than its own improbability costs.
 
-/// A manoeuvre's acceleration over the configured one.
-pub const ACCELERATION_FACTOR: f32 = 10.0;
-/// ln((1 - p) / p) of the probability p that a cycle is a manoeuvre: a turn every fifty cycles.
-const COST_NAT: f32 = 4.0;
+use crate::model::clock::probability;
+use crate::real::{larger, ln};
+
+/// Manoeuvres per second: a turn every five seconds.
+pub const TURNS_PER_S: f32 = 0.2;
 /// Direct paths that are more probably seen than not count for the suspicion.
 const LIKELY: f32 = 0.5;
 /// Squared deviations within which a measurement lies near what is expected: 95 %.
@@ -43,9 +44,12 @@ impl Suspicion {
     }
 }
 
-/// Whether it was a manoeuvre, by the evidence for the place that each hypothesis predicts.
-pub fn is_manoeuvre(evidence_of_motion_nat: f32, evidence_of_manoeuvre_nat: f32) -> bool {
-    evidence_of_manoeuvre_nat - evidence_of_motion_nat > COST_NAT
+/// Whether there was a manoeuvre in the last `elapsed_s` seconds, by the evidence for the place that each hypothesis predicts:
+/// it must outweigh the odds ln((1 - p) / p) of its own probability p.
+pub fn is_manoeuvre(evidence_of_motion_nat: f32, evidence_of_manoeuvre_nat: f32, elapsed_s: f32) -> bool {
+    let turned = probability(TURNS_PER_S, elapsed_s);
+    // Written so that no turn at all is none.
+    evidence_of_manoeuvre_nat - evidence_of_motion_nat > ln((1.0 - turned) / larger(turned, 1e-9))
 }
 
 #[cfg(test)]

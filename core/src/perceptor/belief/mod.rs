@@ -1,35 +1,36 @@
 //! Where the tag is, in the large: searched for, lost, or off on a manoeuvre.
 
 //!
-//! [`Belief`] holds whether it is known where the tag is. While it is not, [`acquisition`] weighs the places it may be at;
+//! [`TagBelief`] holds whether it is known where the tag is. While it is not, [`acquisition`] weighs the places it may be at;
 //! while it is, [`loss`] notices when the tag is elsewhere. [`manoeuvre`] says when the tag turns.
 
 pub mod acquisition;
 pub mod loss;
 pub mod manoeuvre;
 
-use self::acquisition::{Acquisition, Landmark, Sweep};
+use self::acquisition::{Acquisition, AcquisitionSettings, Landmark, Sweep};
 use self::loss::LossMonitor;
-use crate::model::motion::{Agent, Motion};
+use crate::model::motion::{Agent, Motion, MotionStep};
 use crate::real::smaller;
 use nalgebra::{Matrix4, Vector4};
 
 /// Whether it is known where the tag is, and if not, where it may be.
 #[derive(Clone, Debug)]
-pub struct Belief<const ANCHORS: usize> {
+pub struct TagBelief<const ANCHORS: usize> {
     motion: Motion,
     /// Standard deviation of a velocity that nothing is known of, m/s.
     speed_m_s: f32,
+    settings: AcquisitionSettings,
     acquisition: Option<Acquisition<ANCHORS>>,
     loss: LossMonitor,
 }
 
-impl<const ANCHORS: usize> Belief<ANCHORS> {
+impl<const ANCHORS: usize> TagBelief<ANCHORS> {
     /// The tag is somewhere around the prior. `speed_m_s` is the standard deviation per axis of a velocity that nothing is
     /// known of.
-    pub fn new(motion: Motion, speed_m_s: f32, prior: Agent) -> Self {
-        let acquisition = Some(Acquisition::new(prior, speed_m_s * speed_m_s));
-        Self { motion, speed_m_s, acquisition, loss: LossMonitor::default() }
+    pub fn new(motion: Motion, speed_m_s: f32, prior: Agent, settings: AcquisitionSettings) -> Self {
+        let acquisition = Some(Acquisition::new(prior, speed_m_s * speed_m_s, settings));
+        Self { motion, speed_m_s, settings, acquisition, loss: LossMonitor::default() }
     }
 
     /// Whether it is not known (yet, or any more) where the tag is.
@@ -47,12 +48,12 @@ impl<const ANCHORS: usize> Belief<ANCHORS> {
         self.loss.is_doubtful()
     }
 
-    /// Moves ahead from the `last` estimate to the one `predicted`, `elapsed_s` later. After a gap too long for one Gaussian
+    /// Moves ahead by a step, from the `last` estimate to the one `predicted`, `elapsed_s` later. After a gap too long for one Gaussian
     /// the tag is somewhere between where it was and where its velocity would have brought it, and what its velocity was then
     /// says little of now.
-    pub fn predict(&mut self, last: &Agent, predicted: &Agent, elapsed_s: f32) {
+    pub fn predict(&mut self, step: &MotionStep, last: &Agent, predicted: &Agent, elapsed_s: f32) {
         if let Some(acquisition) = &mut self.acquisition {
-            acquisition.predict(&self.motion, elapsed_s);
+            acquisition.predict(step, self.motion.position_std_limit_m, elapsed_s);
             return;
         }
         let Agent { mean: from, .. } = last;
@@ -80,7 +81,7 @@ impl<const ANCHORS: usize> Belief<ANCHORS> {
             covariance: Matrix4::from_diagonal(&Vector4::new(xx, yy, uu, vv)),
         };
         self.loss = LossMonitor::default();
-        self.acquisition = Some(Acquisition::new(prior, self.speed_m_s * self.speed_m_s));
+        self.acquisition = Some(Acquisition::new(prior, self.speed_m_s * self.speed_m_s, self.settings));
     }
 
     /// While it is not known where the tag is: weighs the places it may be at by one cycle's sweeps (see

@@ -17,36 +17,35 @@
 use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
 use super::noise::{CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
-use super::{ChannelEstimate, ChannelEstimator, Path};
+use super::{ChannelEstimate, ChannelEstimator, LEAST_SINR, Path, SPARE_ROUNDS};
 use crate::model::observation::Complex;
 use crate::real::{abs, larger, smaller};
 use heapless::Vec;
 
-/// Paths above this SINR leave subtraction errors that look like dense multipath: the fit skips their surroundings.
-const STRONG: f32 = 316.0;
-/// Half the width skipped around a strong path, pulse durations.
-const SKIP_PULSES: f32 = 1.5;
-/// Share of its energy that a path keeps on the sample grid, at least.
-const SCALLOPING: f32 = 0.7;
-/// Passes of the noise fit before the first path: what stands out far needs no exact level.
-const FIRST_REFINEMENTS: usize = 7;
-/// Passes once no strong path is left, or no room: the level is fitted with all strong paths out of it, and as often in
-/// every frame.
-const REFINEMENTS: usize = 6;
-/// A path below this many times kappa is not strong.
-const DOUBTFUL: f32 = 2.0;
-/// Passes over the moving delays after each new path, at most.
-const PASSES: usize = 24;
-/// A delay stands still that moves no further than this, samples.
-const STILL_SAMPLES: f32 = 0.004;
-/// Neighbours of a component are those whose pulses could reach it, this many pulse durations of movement included.
-const REACH_PULSES: f32 = 1.5;
-/// Two paths closer than this many pulse durations are one.
-const MERGE_PULSES: f32 = 0.3;
-/// Added to the Gram matrix's diagonal for the final amplitudes: two paths that nearly cancel stay finite.
-const RIDGE: f32 = 1e-3;
-/// A candidate whose s is below this is explained by the paths already there.
-const SMALLEST_S: f32 = 0.02;
+/// Guard: against subtraction errors of a strong path, which look like dense multipath: half the width that the fit of the
+/// level leaves out around it, pulse durations.
+pub const SKIP_PULSES: f32 = 1.5;
+/// Guard: against missing a path between two samples, where it has lost up to 1.2 dB: share of kappa from which on a sample is
+/// looked at.
+pub const SCALLOPING: f32 = 0.7;
+/// Capacity: passes of the noise fit before the first path, which bound its time; what stands out far needs no exact level.
+pub const FIRST_REFINEMENTS: usize = 7;
+/// Capacity: passes of the noise fit once no strong path is left, or no room, which bound its time: as many in every frame.
+pub const REFINEMENTS: usize = 6;
+/// Guard: against fitting the level while a path above this many times kappa is still in the residual.
+pub const DOUBTFUL: f32 = 2.0;
+/// Capacity: passes over the moving delays after each new path, which bound their time.
+pub const PASSES: usize = 24;
+/// Guard: against endless small steps; a delay stands still that moves no further than this, samples.
+pub const STILL_SAMPLES: f32 = 0.004;
+/// Guard: against a neighbour left out that comes within reach while it moves, by this many pulse durations.
+pub const REACH_PULSES: f32 = 1.5;
+/// Guard: against a singular Gram matrix in the final amplitudes; added to its diagonal.
+pub const RIDGE: f32 = 1e-3;
+/// Guard: against the division by s; a candidate whose s is below this is explained by the paths already there.
+pub const SMALLEST_S: f32 = 0.02;
+/// Guard: against a prior variance of zero, by which the posterior divides.
+pub const LEAST_PRIOR: f32 = 1e-3;
 
 /// A frame and what is known of it.
 struct Fit<'a, const PATHS: usize> {
@@ -85,7 +84,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             fit.fit_noise();
         }
         let mut refined = false;
-        for _ in 0..PATHS + 4 {
+        for _ in 0..PATHS + SPARE_ROUNDS {
             if refined {
                 fit.fit_noise();
                 fit.set_levels();
@@ -123,6 +122,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     fn fit_noise(&mut self) {
         let table = &self.estimator.table;
         let skip = SKIP_PULSES * table.samples_per_pulse();
+        let strong = self.estimator.settings.strong_sinr;
         let mut reach = Reach::new(&self.components);
         self.noise.refine(&self.steps, self.floor, |from, to, cut| {
             let mut powers = CutPowers::default();
@@ -140,7 +140,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                         let mut near_strong = false;
                         for component in active {
                             let lag = n as f32 - component.position;
-                            near_strong |= component.gain > STRONG && abs(lag) < skip;
+                            near_strong |= component.gain > strong && abs(lag) < skip;
                             let r = table.at(lag);
                             let [a_re, a_im] = component.amplitude;
                             re -= a_re * r;
@@ -212,7 +212,6 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// The path with the largest gain above kappa.
     fn strongest(&self) -> Option<Component> {
         let table = &self.estimator.table;
-        // Between two samples a path has lost up to 1.2 dB: what falls short by more need not be looked at.
         let mut best = (None, SCALLOPING * self.estimator.threshold);
         let mut walk = LevelWalk::new(self.noise, &self.steps);
         let mut reach = Reach::new(&self.components);
@@ -436,7 +435,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             let s = larger(1.0 / sigma - 1.0 / component.prior, SMALLEST_S);
             let q2 = power(&component.amplitude) / (component.level * (sigma * sigma));
             component.gain = q2 / s;
-            component.prior = larger((q2 - s) / (s * s), 1e-3);
+            component.prior = larger((q2 - s) / (s * s), LEAST_PRIOR);
         }
     }
 
@@ -450,7 +449,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             }
         }
         if drop.is_none() {
-            let merge = MERGE_PULSES * self.estimator.table.samples_per_pulse();
+            let merge = self.estimator.settings.merge_pulses * self.estimator.table.samples_per_pulse();
             for (k, pair) in self.components.windows(2).enumerate() {
                 if let [a, b] = pair
                     && b.position - a.position < merge
@@ -479,7 +478,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                 if !(power(&amplitude) < f32::MAX) {
                     amplitude = component.amplitude;
                 }
-                let sinr = larger(component.gain - 1.0, 1e-3);
+                let sinr = larger(component.gain - 1.0, LEAST_SINR);
                 let path = self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr);
                 // Capacities are equal: every push succeeds.
                 let _ = paths.push(path);

@@ -17,30 +17,26 @@
 //! The response is first limited to the pulse's band: beyond it there is noise, and the distortion of a receiver that
 //! strong paths drive to its limits.
 
+use super::interpolation::{BEFORE, TAPS};
 use super::noise::white_level;
 use super::{Pulse, detection_threshold};
 use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::PulseTable;
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, sqrt};
 
-/// Decay time of dense multipath taken for granted here, seconds.
-const DECAY_S: f32 = 20e-9;
-/// How far before the strongest sample the first path is sought, decay times of dense multipath: 5 % of its energy are
-/// later than that.
-const SEARCH_DECAYS: f32 = 3.0;
-/// The noise ahead is taken from this many times as much before that: so many times more often has the radio's own
-/// floor had the chance to be as loud there as where it is mistaken for a path.
+/// Mathematics: how far before the strongest sample the first path is sought, seconds: three decay times of 20 ns, that of
+/// dense multipath in offices; 5 % of its energy are later than that.
+const SEARCH_S: f32 = 3.0 * 20e-9;
+/// Guard: against the radio's own floor: the noise ahead is taken from this many times as much before the search, so many
+/// times more often has that floor had the chance to be as loud there as where it is mistaken for a path.
 const AHEAD_SEARCHES: usize = 4;
-/// Fewer samples ahead say nothing.
+/// Guard: against a level from too few samples ahead.
 const FEWEST_AHEAD: u32 = 8;
-/// A path exceeds the loudest sample ahead by this energy ratio.
+/// Guard: against the radio's own floor: a path exceeds the loudest sample ahead by this energy ratio (6 dB).
 const OVER_LOUDEST: f32 = 4.0;
-/// What is below this many times a side lobe's magnitude may be one.
+/// Guard: against side lobes of a pulse known roughly: what is below this many times their magnitude (3 dB) may be one.
 const SIDE_LOBE_MARGIN: f32 = 1.414;
-/// Taps of the band limit, and taps before the position.
-const TAPS: usize = 16;
-const BEFORE: usize = TAPS / 2 - 1;
-/// Positions per sample.
+/// Mathematics: positions per sample, at each of which the band limit has weights of its own.
 const PHASES: usize = 8;
 
 /// The first path of a frame.
@@ -89,14 +85,13 @@ impl FirstPathDetector {
         let sample_spacing_s = limited(sample_spacing_s, 1e-12, 1e-6);
         let pulse = &Pulse { duration_s: limited(pulse.duration_s, 1e-11, 2e-8), ..*pulse };
         let false_paths = limited(false_paths, 1e-4, 10.0);
-        let search_s = SEARCH_DECAYS * DECAY_S;
         // Cycles per sample at the edge of the pulse's band; at most all that the samples hold.
         let band = pulse.half_band_hz() * sample_spacing_s;
         let mut detector = Self {
             table: PulseTable::new(pulse, sample_spacing_s),
             kernels: kernels(if band < 0.5 { band } else { 0.5 }),
-            threshold: detection_threshold(pulse.rms_bandwidth_hz() * search_s, false_paths),
-            search: (search_s / sample_spacing_s) as usize + 1,
+            threshold: detection_threshold(pulse.rms_bandwidth_hz() * SEARCH_S, false_paths),
+            search: (SEARCH_S / sample_spacing_s) as usize + 1,
             rise: 0.0,
             furthest_lobe: 0.0,
             sample_spacing_s,

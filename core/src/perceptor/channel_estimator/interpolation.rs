@@ -3,13 +3,13 @@
 use crate::model::observation::Complex;
 use crate::real::{floor, sin};
 
-/// Taps of the kernel.
-const TAPS: usize = 16;
-/// Taps before the position.
-const BEFORE: usize = TAPS / 2 - 1;
-/// Tabulated phases per sample, half of them kept: the other half mirrors it. Between two, taps are interpolated
-/// linearly (error below 4e-4).
-const PHASES: usize = 64;
+/// Mathematics: taps of the windowed sinc.
+pub const TAPS: usize = 16;
+/// Mathematics: taps before the position.
+pub const BEFORE: usize = TAPS / 2 - 1;
+/// Mathematics: grid of phases per sample, between which taps are interpolated linearly (error below 4e-4).
+pub const PHASES: usize = 64;
+/// Mathematics: phases kept; the other half mirrors them.
 const KEPT: usize = PHASES / 2;
 
 /// A 16-tap sinc under the window (1 - (d/8)^2)^2, tabulated over the position between two samples.

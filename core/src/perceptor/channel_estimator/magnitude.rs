@@ -17,24 +17,28 @@
 //! whose pulse is cut off by the frame's ends (half a pulse) is not looked for.
 
 use super::noise::{CutPowers, LevelSteps, NoiseLevel, level_floor, white_level};
-use super::{ChannelEstimate, ChannelEstimator, Path};
+use super::{ChannelEstimate, ChannelEstimator, Path, SPARE_ROUNDS};
 use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
 use heapless::Vec;
 
-/// Passes of the noise fit before the first path, and before each further one.
-const FIRST_REFINEMENTS: usize = 8;
-const REFINEMENTS: usize = 2;
-/// Passes of the fit of one path.
-const PASSES: usize = 6;
-/// Share of a path's energy midway between two samples that its larger one keeps in noise, nearly always.
-const SCALLOPING: f32 = 0.8;
-/// The noise fit leaves out samples in which the paths have more energy than this, over the level.
-const EXPLAINED: f32 = 0.5;
-/// Half the interval over which the pulse's slope is taken, pulse durations.
-const SLOPE_PULSES: f32 = 0.0625;
-/// Added to the variance of the three samples: the tabulated pulse is not quite positive definite.
-const RIDGE: f32 = 1e-3;
+/// Capacity: passes of the noise fit before the first path, which bound its time.
+pub const FIRST_REFINEMENTS: usize = 8;
+/// Capacity: passes of the noise fit before each further path, which bound its time.
+pub const REFINEMENTS: usize = 2;
+/// Capacity: passes of the fit of one path, which bound its time.
+pub const PASSES: usize = 6;
+/// Guard: against a path midway between two samples that noise lowers further: share of its energy that the larger one keeps,
+/// nearly always.
+pub const SCALLOPING: f32 = 0.8;
+/// Guard: against paths in the noise fit, which cannot subtract them without their phases: it leaves out samples in which
+/// they have more energy than this, over the level.
+pub const EXPLAINED: f32 = 0.5;
+/// Mathematics: half the interval of the pulse's numerical slope, pulse durations.
+pub const SLOPE_PULSES: f32 = 0.0625;
+/// Guard: against a singular variance of the three samples, to which it is added: the tabulated pulse is not quite positive
+/// definite.
+pub const RIDGE: f32 = 1e-3;
 
 /// One path while it is being estimated.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +83,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         for _ in 0..FIRST_REFINEMENTS {
             search.fit_noise(&steps, level_floor(strongest));
         }
-        for round in 0..PATHS + 4 {
+        for round in 0..PATHS + SPARE_ROUNDS {
             if round > 0 {
                 for _ in 0..REFINEMENTS {
                     search.fit_noise(&steps, level_floor(strongest));

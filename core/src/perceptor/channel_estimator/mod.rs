@@ -11,13 +11,13 @@
 //!
 //! Fixed memory: no copy of the frame is made; the residual is recomputed from the paths where it is needed.
 
-mod complex;
+pub mod complex;
 mod component;
 mod first_path;
 mod gram;
-mod interpolation;
-mod magnitude;
-mod noise;
+pub mod interpolation;
+pub mod magnitude;
+pub mod noise;
 
 use crate::model::observation::{Complex, SampleFault, Samples};
 use crate::radio::pulse::{Pulse, PulseTable};
@@ -64,6 +64,33 @@ pub struct ChannelEstimate<const PATHS: usize> {
     pub dense: DenseMultipath,
 }
 
+/// What an estimator takes for a path, for two, and for dense multipath. How many false paths it may report is told apart
+/// ([`crate::config::Radio::false_paths_per_frame`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct EstimatorSettings {
+    /// Shortest decay time of dense multipath, seconds (1e-9 to 1e-7): slower decays are sums of such profiles. Less: weak
+    /// paths are taken for dense multipath. More: where it decays faster, false paths. Found on simulated frames at the pulses
+    /// of the published radio and of a DW1000.
+    pub dense_decay_s: f32,
+    /// The same in effective pulse durations (2 to 100), for long pulses; the longer of the two holds. Less: a single path
+    /// lifts the level under itself and is lost in it. Found as `dense_decay_s`.
+    pub dense_decay_pulses: f32,
+    /// SINR (linear, 10 to 1e6) above which the fit of the level leaves out what is around a path. Less: it has fewer samples.
+    /// More: what subtracting strong paths leaves counts as dense multipath, and hides weak paths beside them. Chosen on
+    /// simulated frames.
+    pub strong_sinr: f32,
+    /// Two paths closer than this are one, pulse durations (0.05 to 1). Less: one path is now and then reported as two. More:
+    /// two are reported as one. Chosen on simulated pairs of equal paths, half a pulse duration apart and more.
+    pub merge_pulses: f32,
+}
+
+impl Default for EstimatorSettings {
+    fn default() -> Self {
+        Self { dense_decay_s: 8e-9, dense_decay_pulses: 11.4, strong_sinr: 316.0, merge_pulses: 0.3 }
+    }
+}
+
 /// A channel estimator for frames of one pulse and sample spacing; `PATHS` bounds the paths it reports.
 #[derive(Clone, Debug)]
 pub struct ChannelEstimator<const PATHS: usize> {
@@ -75,23 +102,33 @@ pub struct ChannelEstimator<const PATHS: usize> {
     profile: Profile,
     /// kappa beside a level that was fitted to dense multipath.
     threshold: f32,
+    settings: EstimatorSettings,
 }
 
-/// SINRs reported: the level is never taken as less than -120 dB of the strongest sample, so more means nothing.
-const LEAST_SINR: f32 = 1e-3;
-const MOST_SINR: f32 = 1e12;
+/// Capacity: rounds of the search beyond `PATHS`, which bound its time; a round may drop a path.
+pub const SPARE_ROUNDS: usize = 4;
+/// Guard: against the division by a SINR of zero: the least one reported.
+pub const LEAST_SINR: f32 = 1e-3;
+/// Guard: against overflow: the largest SINR reported. The level is never taken as less than -120 dB of the strongest sample,
+/// so more means nothing.
+pub const MOST_SINR: f32 = 1e12;
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
     /// An estimator for frames of `samples` samples, `sample_spacing_s` seconds apart ([`Pulse::sampled_every`] tells what
-    /// they leave of a pulse), that reports
-    /// `false_paths` paths per frame of pure noise on average (1e-4 to 10). What is out of range is taken as the nearest
-    /// value in it.
-    pub fn new(pulse: Pulse, sample_spacing_s: f32, samples: usize, false_paths: f32) -> Self {
+    /// they leave of a pulse), that reports `false_paths` paths per frame of pure noise on average (1e-4 to 10). What is out of
+    /// range is taken as the nearest value in it; the settings are taken as they are.
+    pub fn new(
+        pulse: Pulse,
+        sample_spacing_s: f32,
+        samples: usize,
+        false_paths: f32,
+        settings: EstimatorSettings,
+    ) -> Self {
         // Out of range they would stall the set-up: spacings from 1 ps to 1 us, pulses from 10 ps to 1 us.
         let sample_spacing_s = limited(sample_spacing_s, 1e-12, 1e-6);
         let pulse = Pulse { duration_s: limited(pulse.duration_s, 1e-11, 1e-6), ..pulse };
         let false_paths = limited(false_paths, 1e-4, 10.0);
-        let profile = Profile::new(pulse.effective_duration_s());
+        let profile = Profile::new(pulse.effective_duration_s(), &settings);
         let window_s = samples as f32 * sample_spacing_s;
         let known_threshold = detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths);
         Self {
@@ -101,6 +138,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             sample_spacing_s,
             profile,
             threshold: fitted_threshold(&pulse, &profile, known_threshold),
+            settings,
         }
     }
 
@@ -170,11 +208,12 @@ fn detection_threshold(bandwidth_window: f32, false_paths: f32) -> f32 {
     threshold
 }
 
-/// By how much more than one part in n independent samples a peak is lost in a level fitted to n of them.
-const SELF_SHARE: f32 = 1.7;
+/// Mathematics: by how much more than one part in n independent samples a peak is lost in a level fitted to n of them; fitted
+/// to simulated frames, in noise alone and in dense multipath.
+pub const SELF_SHARE: f32 = 1.7;
 
 /// kappa where the level is fitted to n samples. A peak lifts the level under it, which costs more than the level's own
-/// errors add: measured in noise alone and in dense multipath.
+/// errors add.
 fn fitted_threshold(pulse: &Pulse, profile: &Profile, threshold: f32) -> f32 {
     let samples = profile.length_s() / pulse.effective_duration_s();
     threshold / (1.0 + SELF_SHARE / samples)

@@ -12,25 +12,29 @@
 //! few nanoseconds. A profile being two exponentials, the rest are recursions from cell to cell: one pass over the samples,
 //! whatever the number of nodes.
 
+use super::EstimatorSettings;
 use crate::real::{exp, larger, smaller, sqrt};
 
-/// Decay time of a node's profile, seconds, at least, and in effective pulse durations, at least: dense multipath that
-/// decays more slowly is a sum of such profiles, and a single path is none.
-const SHORTEST_DECAY_S: f32 = 8e-9;
-const DECAY_PULSES: f32 = 11.4;
-/// Rise time of its soft onset, and time over which the fit takes the level as constant (a cell), decay times.
-const RISE_DECAYS: f32 = 0.3125;
-/// Depth of the onset, chi.
-const ONSET: f32 = 0.98;
-/// There is a node at the beginning of every cell, or of every few cells of longer frames: so many nodes at most.
-const NODES: usize = 128;
-/// Every node's first share of the white noise: small, but not zero, which no factor would change.
-const FIRST_SHARE: f32 = 0.02;
-/// Powers over their level are cut off here; exponentially distributed ones then keep the share of their mean below.
-const CUT: f32 = 5.0;
-const KEPT: f32 = 0.993_262;
-/// Blocks the frame is cut into to find its quietest parts.
-const BLOCKS: usize = 16;
+/// Mathematics: rise time of a profile's soft onset, and grid step over which the fit takes the level as constant (a cell),
+/// decay times.
+pub const RISE_DECAYS: f32 = 0.3125;
+/// Mathematics: depth of the onset, chi, in the published profile of dense multipath (Karedal et al. 2007).
+pub const ONSET: f32 = 0.98;
+/// Mathematics: integral of a profile over its peak, decay times.
+pub const LENGTH_DECAYS: f32 = 1.56;
+/// Capacity: nodes of a frame, which bound the memory. There is one at the beginning of every cell, or of every few cells of
+/// longer frames.
+pub const NODES: usize = 128;
+/// Guard: against a weight of zero, which no factor would change: every node's first share of the white noise.
+pub const FIRST_SHARE: f32 = 0.02;
+/// Guard: against paths not yet found in the noise fit: powers over their level are cut off here.
+pub const CUT: f32 = 5.0;
+/// Mathematics: share of their mean that exponentially distributed powers keep when cut off at [`CUT`], 1 - e^-5.
+pub const KEPT: f32 = 0.993_262;
+/// Mathematics: mean of exponentially distributed powers when those above [`CUT`] are left out, 1 - 5 / (e^5 - 1).
+pub const TRIMMED_SHARE: f32 = 0.9661;
+/// Mathematics: grid of blocks by which the quietest parts of a frame are found.
+pub const BLOCKS: usize = 16;
 
 /// The profile that begins at a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,14 +46,14 @@ pub(super) struct Profile {
 
 impl Profile {
     /// That for a pulse of the effective duration `effective_duration_s`.
-    pub fn new(effective_duration_s: f32) -> Self {
-        let decay_s = larger(SHORTEST_DECAY_S, DECAY_PULSES * effective_duration_s);
+    pub fn new(effective_duration_s: f32, settings: &EstimatorSettings) -> Self {
+        let decay_s = larger(settings.dense_decay_s, settings.dense_decay_pulses * effective_duration_s);
         Self { decay_s, rise_s: RISE_DECAYS * decay_s }
     }
 
     /// Its integral over its peak, seconds: the time over which a node gathers its level.
     pub fn length_s(&self) -> f32 {
-        1.56 * self.decay_s
+        LENGTH_DECAYS * self.decay_s
     }
 }
 
@@ -336,7 +340,7 @@ impl<'a> LevelWalk<'a> {
 }
 
 /// Mean of exponentially distributed powers from those below five times a first guess of it. Cut off there, they
-/// have 0.9661 of the full mean, which is undone; iterated, the guess converges.
+/// have [`TRIMMED_SHARE`] of the full mean, which is undone; iterated, the guess converges.
 #[derive(Clone, Copy, Debug)]
 struct TrimmedMean {
     guess: f32,
@@ -350,7 +354,7 @@ impl TrimmedMean {
     }
 
     fn add(&mut self, power: f32) {
-        if power < 5.0 * self.guess {
+        if power < CUT * self.guess {
             self.sum += power;
             self.count += 1;
         }
@@ -358,7 +362,7 @@ impl TrimmedMean {
 
     /// The mean; the guess where no power was below the cut.
     fn mean(&self) -> f32 {
-        if self.count > 0 { self.sum / (self.count as f32 * 0.9661) } else { self.guess }
+        if self.count > 0 { self.sum / (self.count as f32 * TRIMMED_SHARE) } else { self.guess }
     }
 }
 
@@ -441,7 +445,7 @@ mod tests {
 
     #[test]
     fn the_walk_and_the_level_agree() {
-        let steps = LevelSteps::new(Profile::new(0.425e-9), 0.25e-9, 400);
+        let steps = LevelSteps::new(Profile::new(0.425e-9, &EstimatorSettings::default()), 0.25e-9, 400);
         let mut noise = NoiseLevel::open(0.5, &steps);
         noise.weights[3] = 2.0;
         noise.accumulate(&steps);
@@ -457,7 +461,7 @@ mod tests {
     #[test]
     fn the_level_follows_dense_multipath_wherever_it_begins() {
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(4);
-        let steps = LevelSteps::new(Profile::new(0.425e-9), 0.25e-9, 400);
+        let steps = LevelSteps::new(Profile::new(0.425e-9, &EstimatorSettings::default()), 0.25e-9, 400);
         for onset in [0.0_f32, 57.0, 200.0] {
             let truth = |n: usize| {
                 let t = (n as f32 - onset) * 0.25;

@@ -9,16 +9,11 @@ pub mod overlap;
 use self::overlap::{Arrival, Overlap};
 use super::scan::Scan;
 use crate::model::channel::ChannelPrior;
-use crate::model::detection::detection_probability;
+use crate::model::detection::{HIDDEN_DETECTION, detection_probability};
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
 use crate::real::{limited, smaller};
 use heapless::Vec;
-
-/// Detection probability of a path that is hidden at present, and of a virtual anchor that a floor plan tells of and that
-/// was never seen: most are hidden from most places, and a few steps on another one comes out. No memory of misses
-/// may make it less, or a path that comes back would go to a false neighbour.
-pub const HIDDEN_DETECTION: f32 = 0.1;
 
 /// What is expected of one feature before the measurements arrive.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,37 +41,54 @@ pub struct Prospect {
     pub is_unseen_image: bool,
 }
 
+/// Whether the path of a source that exists can be seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sighting {
+    /// It is expected to be seen.
+    Open,
+    /// Something hides it, the noise among others; or it is a virtual anchor that nobody has seen yet.
+    Hidden,
+}
+
+/// How probable it is that the path of an existing source is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Detection {
+    /// The probability.
+    pub probability: f32,
+    /// The probability if nothing hides the source but the noise.
+    pub found: f32,
+    /// Whether it can be seen.
+    pub sighting: Sighting,
+}
+
 impl Prospect {
-    /// Probability that the path of the source is found if the source exists: of frames by its SINR.
-    pub fn detection<const PATHS: usize>(&self, scan: &Scan<PATHS>, told: f32) -> f32 {
+    /// How probable it is that its path is found: see [`detection`].
+    pub fn detection<const PATHS: usize>(&self, scan: &Scan<PATHS>, told: f32) -> Detection {
         detection(scan, told, &self.channel, self.sinr_here, self.is_unseen_image)
     }
 }
 
-/// SINR of a source in a scan if nothing hides it, and the probability that it is then found: what is remembered, or
-/// less where the frame is noisier.
-pub fn found<const PATHS: usize>(scan: &Scan<PATHS>, sinr: f32, sinr_here: Option<f32>) -> f32 {
-    let sinr = sinr_here.map_or(sinr, |here| smaller(sinr, here));
-    detection_probability(sinr, scan.threshold())
-}
-
-/// Probability that the path of an existing source is found in a scan: of frames by its SINR as remembered; `told` is that
-/// of ranges and of what was never seen.
+/// How probable it is that the path of an existing source is found in a scan: of frames by its SINR as remembered, or less
+/// where the frame is noisier; `told` is the probability for ranges and for what was never seen.
 pub fn detection<const PATHS: usize>(
     scan: &Scan<PATHS>,
     told: f32,
     channel: &ChannelPrior,
     sinr_here: Option<f32>,
     is_unseen_image: bool,
-) -> f32 {
+) -> Detection {
     if !scan.is_framed() {
-        return told;
+        return Detection { probability: told, found: told, sighting: Sighting::Open };
     }
-    if channel.seen {
-        let found = found(scan, channel.sinr, sinr_here);
-        return limited(channel.visibility * found, HIDDEN_DETECTION, told);
-    }
-    if is_unseen_image { HIDDEN_DETECTION } else { told }
+    let sinr = sinr_here.map_or(channel.sinr, |here| smaller(channel.sinr, here));
+    let found = detection_probability(sinr, scan.threshold());
+    let (probability, is_hidden) = match (channel.seen, is_unseen_image) {
+        (true, _) => (channel.visibility * found, channel.visibility * found <= HIDDEN_DETECTION),
+        (false, true) => (HIDDEN_DETECTION, true),
+        (false, false) => (told, false),
+    };
+    let sighting = if is_hidden { Sighting::Hidden } else { Sighting::Open };
+    Detection { probability: limited(probability, HIDDEN_DETECTION, told), found, sighting }
 }
 
 /// What is expected of the sources of one anchor: their regressions, and what association makes of them.
@@ -90,28 +102,44 @@ pub struct Expectations<const VAS: usize> {
     pub virtual_anchors: Vec<Regression, VAS>,
     /// What is expected of each of them.
     pub expectations: Vec<Expectation, VAS>,
-    /// SINR of each, the direct path first.
-    sinr: (f32, Vec<f32, VAS>),
+    /// How each can be seen, the direct path first.
+    views: (View, Vec<View, VAS>),
+}
+
+/// How a source can be seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// SINR where nothing hides it.
+    sinr: f32,
+    /// Probability that its path is found if nothing hides it but the noise.
+    pub found: f32,
+    /// Whether it can be seen.
+    pub sighting: Sighting,
 }
 
 impl<const VAS: usize> Expectations<VAS> {
-    /// What a direct path with this probability of detection is expected to show, and no virtual anchors yet.
-    pub fn new(direct: &Prospect, detection: f32) -> Self {
+    /// What a direct path is expected to show, and no virtual anchors yet.
+    pub fn new(direct: &Prospect, detection: &Detection) -> Self {
         Self {
             direct: direct.regression,
             direct_path: expectation(&direct.regression, 1.0, detection),
             virtual_anchors: Vec::new(),
             expectations: Vec::new(),
-            sinr: (direct.channel.sinr, Vec::new()),
+            views: (view(direct, detection), Vec::new()),
         }
     }
 
     /// Adds a virtual anchor that exists with probability `existence`.
-    pub fn add(&mut self, image: &Prospect, existence: f32, detection: f32) {
+    pub fn add(&mut self, image: &Prospect, existence: f32, detection: &Detection) {
         // One per slot at most: the pushes succeed.
         let _ = self.virtual_anchors.push(image.regression);
         let _ = self.expectations.push(expectation(&image.regression, existence, detection));
-        let _ = self.sinr.1.push(image.channel.sinr);
+        let _ = self.views.1.push(view(image, detection));
+    }
+
+    /// How every source can be seen, the direct path first.
+    pub fn views(&self) -> impl Iterator<Item = &View> + Clone {
+        core::iter::once(&self.views.0).chain(&self.views.1)
     }
 
     /// Every regression, the direct path's first.
@@ -122,17 +150,17 @@ impl<const VAS: usize> Expectations<VAS> {
     /// Takes into account that paths received with this pulse disturb each other.
     #[inline(never)]
     pub fn disturb(&mut self, pulse: &Pulse) {
-        let Self { direct, direct_path, virtual_anchors, expectations, sinr } = self;
+        let Self { direct, direct_path, virtual_anchors, expectations, views } = self;
         let arrival = |expectation: &Expectation, sinr: f32| Arrival {
             range_m: expectation.range_m,
             presence: expectation.existence * expectation.detection,
             sinr,
         };
-        let first = arrival(direct_path, sinr.0);
+        let first = arrival(direct_path, views.0.sinr);
         let mut others: Vec<Arrival, VAS> = Vec::new();
-        for (expectation, sinr) in expectations.iter().zip(&sinr.1) {
+        for (expectation, view) in expectations.iter().zip(&views.1) {
             // Capacities are equal: every push succeeds.
-            let _ = others.push(arrival(expectation, *sinr));
+            let _ = others.push(arrival(expectation, view.sinr));
         }
         let apply = |overlap: &Overlap, regression: &mut Regression, expectation: &mut Expectation| {
             regression.residual_m2 += overlap.variance_m2;
@@ -158,6 +186,15 @@ impl<const VAS: usize> Expectations<VAS> {
     }
 }
 
-fn expectation(regression: &Regression, existence: f32, detection: f32) -> Expectation {
-    Expectation { range_m: regression.range_m, variance_m2: regression.variance_m2(), existence, detection }
+fn expectation(regression: &Regression, existence: f32, detection: &Detection) -> Expectation {
+    Expectation {
+        range_m: regression.range_m,
+        variance_m2: regression.variance_m2(),
+        existence,
+        detection: detection.probability,
+    }
+}
+
+fn view(prospect: &Prospect, detection: &Detection) -> View {
+    View { sinr: prospect.channel.sinr, found: detection.found, sighting: detection.sighting }
 }

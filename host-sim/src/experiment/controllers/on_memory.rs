@@ -67,7 +67,7 @@ impl<const A: usize> Choose<A> for OnMemory {
         let [u, v] = filter.velocity_m_s().map(f64::from);
         let at = [x + seen.elapsed_s * u, y + seen.elapsed_s * v];
         let mut predicted = Posterior::of(filter.agent_covariance().cast());
-        predicted.predict(seen.elapsed_s, f64::from(config.motion.acceleration_std_m_s2));
+        predicted.predict(seen.elapsed_s, f64::from(config.motion.acceleration_density_m2_s3));
 
         // Sources, with the slope of their range and the variance that the map adds.
         let anchors = tracker.anchors();

@@ -27,7 +27,7 @@ pub fn action_of(actions: &[usize], anchor: usize) -> usize {
 pub struct Truth {
     informations: Vec<Vec<Vec<Information>>>,
     elapsed_s: Vec<f64>,
-    acceleration_std_m_s2: f64,
+    acceleration_density_m2_s3: f64,
     start: Posterior,
 }
 
@@ -45,6 +45,7 @@ impl Truth {
                     radio.sample_spacing_s,
                     radio.samples_per_frame,
                     radio.false_paths_per_frame,
+                    setup.config.estimator,
                 );
                 estimator.threshold()
             })
@@ -68,7 +69,7 @@ impl Truth {
                     cycle.checked_sub(1).map_or(1e-3, |last| poses[cycle].time_s - poses[last].time_s)
                 })
                 .collect(),
-            acceleration_std_m_s2: f64::from(setup.config.motion.acceleration_std_m_s2),
+            acceleration_density_m2_s3: f64::from(setup.config.motion.acceleration_density_m2_s3),
             start: Posterior::new(f64::from(start.position_std_m), f64::from(start.velocity_std_m_s)),
         }
     }
@@ -92,7 +93,7 @@ impl Truth {
     pub fn entropies_nat(&self, actions: &[Actions]) -> Vec<f64> {
         let mut posterior = self.start;
         let mut entropy = |(cycle, actions): (usize, &Actions)| {
-            posterior.predict(self.elapsed_s[cycle], self.acceleration_std_m_s2);
+            posterior.predict(self.elapsed_s[cycle], self.acceleration_density_m2_s3);
             posterior.update(self.information(cycle, actions));
             posterior.position_entropy_nat()
         };
@@ -148,7 +149,7 @@ impl Truth {
         let mut posterior = self.start;
         let mut all = Vec::new();
         for cycle in 0..self.cycles() {
-            posterior.predict(self.elapsed_s[cycle], self.acceleration_std_m_s2);
+            posterior.predict(self.elapsed_s[cycle], self.acceleration_density_m2_s3);
             let actions = choose(&posterior, cycle);
             posterior.update(self.information(cycle, &actions));
             all.push(actions);

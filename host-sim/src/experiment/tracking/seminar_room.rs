@@ -170,12 +170,13 @@ fn walls_off(room: &Room, mut is_outward: impl FnMut() -> bool) -> Room {
 /// The squared errors of a run beside the posterior bound of the frames that arrived.
 pub fn against_bound(simulator: &Simulator, recording: &Recording, run: &Track) -> AgainstBound {
     let mut posterior = Posterior::new(recording.start.position_std_m, recording.start.velocity_std_m_s);
+    let density_m2_s3 = recording.acceleration_density_m2_s3();
     let mut sums = AgainstBound::default();
     let mut errors = run.errors_m.iter().peekable();
     let mut previous_s = None;
     for (index, cycle) in recording.cycles.iter().enumerate() {
         let elapsed_s = previous_s.replace(cycle.time_s).map_or(0.0, |then| cycle.time_s - then);
-        posterior.predict(elapsed_s, recording.motion.acceleration_std_m_s2);
+        posterior.predict(elapsed_s, density_m2_s3);
         for frame in &cycle.frames {
             posterior.update(frame_information(simulator.channel(), index, frame.anchor, frame.action));
         }

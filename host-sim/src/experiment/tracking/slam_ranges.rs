@@ -139,7 +139,7 @@ impl SlamRanges {
         Recording {
             name: format!("SLAM ranges, seed {seed}"),
             source: format!("simulated ranges of the SLAM reference scenario, seed {seed}"),
-            motion: Motion { acceleration_std_m_s2: 0.01 },
+            motion: Motion::published(0.01),
             start: if self.start_unknown { unknown } else { known },
             association: AssociationModel {
                 detection_probability: self.detection_probability,

@@ -25,6 +25,7 @@ use crate::scenario::{Position, Scenario, Trajectory, Way};
 use crate::score::Score;
 use crate::simulator::Simulator;
 use cogmint_core::application::waypoint::{WaypointError, WaypointSettings};
+use cogmint_core::model::observation::TagHeight;
 use figures::Figures;
 use floor::Floor;
 use rayon::prelude::*;
@@ -255,7 +256,7 @@ impl Task {
                 estimate_m = step.report.position_m.map(f64::from);
                 // The start is that of the first cycle, as for the tracker.
                 let elapsed_s = if errors_m.is_empty() { 1e-3 } else { self.period_s };
-                bound.predict(elapsed_s, f64::from(config.motion.acceleration_std_m_s2));
+                bound.predict(elapsed_s, f64::from(config.motion.acceleration_density_m2_s3));
                 bound.update(cycle_information(channel, cycle, action));
                 entropies_nat.push(bound.position_entropy_nat());
                 errors_m.push(distance_m(pose.position_m, estimate_m));
@@ -278,9 +279,9 @@ impl Task {
                 Chooser::Informed => {
                     let single = |place: &Position| place.map(|coordinate| coordinate as f32);
                     let candidates: Vec<[f32; 2]> = candidates_m.iter().map(single).collect();
-                    let height_m = channel.tag_height_m(poses.len() - 1) as f32;
+                    let height = TagHeight::exact(channel.tag_height_m(poses.len() - 1) as f32);
                     let goal = Some(single(&goal_m));
-                    match tracker.choose_waypoint(&candidates, goal, Some(height_m), &self.settings) {
+                    match tracker.choose_waypoint(&candidates, goal, Some(height), &self.settings) {
                         Ok(choice) => choice.index,
                         Err(WaypointError::Acquiring) => nearest(&candidates_m, goal_m),
                         Err(error) => return Err(refused(error.to_string())),

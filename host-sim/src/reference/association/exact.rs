@@ -8,15 +8,13 @@
 //! and A_k(s) those of all choices before k that lead to s. Then p(b_k = m) ~ sum over s of A_k(s) psi_km
 //! B_k+1(s and m). With the largest term instead of the sum, B leads along the most probable joint association.
 //!
+//! Exact where (K + 2) times the number of states is at most `STATES`, and K at most `FEATURES`.
+//!
 //! B_k is divided by B_k(nothing used), and A_k+1 by the same number, so that sum_s A_k(s) B_k(s) = 1 for all k.
 
 use crate::reference::Matrix;
 use crate::reference::real::{Real, larger};
-
-/// (K + 2) times the number of states must not exceed this.
-const STATES: usize = 512;
-/// Most features.
-const FEATURES: usize = 32;
+use cogmint_core::perceptor::association::exact::{FEATURES, STATES};
 
 /// What is found out about one feature.
 #[derive(Clone, Debug)]

@@ -23,17 +23,10 @@ pub mod outcome;
 
 use super::Matrix;
 use super::real::{Real, abs, exp, larger, limited, sqrt, square, tau};
+use cogmint_core::model::detection::{LEAST_FALSE_ALARM, LOGISTIC};
 pub use cogmint_core::perceptor::association::Joint;
-
-/// Standard deviations beyond which a measurement cannot belong to a feature.
-const GATE: f32 = 4.0;
-/// Relative change below which a message stands still.
-const TOLERANCE: f32 = 1e-4;
-/// Most rounds of messages.
-const ITERATIONS: usize = 60;
-/// Slope of the logistic curve that is nearest to the normal distribution.
-const LOGISTIC: f32 = 1.702;
-const LEAST_FALSE_ALARM: f32 = 1e-4;
+use cogmint_core::perceptor::association::belief_propagation::{ITERATIONS, TOLERANCE};
+use cogmint_core::perceptor::association::factors::{GATE, LEAST_ABSENT};
 
 /// One path or range.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -135,7 +128,7 @@ pub fn associate<T: Real>(
     let mut psi: Matrix<T> = Vec::new();
     for feature in features {
         let missing = feature.existence * (T::ONE - feature.detection) + (T::ONE - feature.existence);
-        absent.push(larger(missing, T::of(1e-6)));
+        absent.push(larger(missing, T::of(LEAST_ABSENT)));
         let pairs = measurements.iter().zip(claims);
         psi.push(
             pairs.map(|(measurement, claim)| likelihood(feature, measurement, *claim, clutter)).collect(),

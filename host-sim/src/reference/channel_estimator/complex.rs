@@ -17,25 +17,11 @@ use super::noise::{NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimator, Path, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
-
-/// Passes of the noise fit before the first round; and once, as soon as no path is left that gains DOUBTFUL kappa, or no room. After
-/// that, one in every round.
-const FIRST_FITS: usize = 7;
-const FITS: usize = 6;
-const DOUBTFUL: f32 = 2.0;
-/// Passes over the delays in a round, and the move below which they stand still, samples.
-const PASSES: usize = 24;
-const STILL_SAMPLES: f32 = 0.004;
-/// SINR above which the surroundings of a path are left out of the dense multipath's fit,
-const STRONG: f32 = 316.0;
-/// this many pulse durations to either side.
-const SKIP_PULSES: f32 = 1.5;
-/// Pulse durations beyond the reach of the pulses within which components are neighbours.
-const REACH_PULSES: f32 = 1.5;
-/// Pulse durations within which two paths are one.
-const MERGE_PULSES: f32 = 0.3;
-/// Least s: below, a path is explained by the others.
-const SMALLEST_S: f32 = 0.02;
+use cogmint_core::perceptor::channel_estimator::complex::{
+    DOUBTFUL, FIRST_REFINEMENTS, LEAST_PRIOR, PASSES, REACH_PULSES, REFINEMENTS, RIDGE, SCALLOPING,
+    SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
+};
+use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
 
 /// A path in the making.
 #[derive(Clone, Copy, Debug)]
@@ -76,11 +62,11 @@ pub(super) fn estimate<T: Real>(
     let noise = estimator.open_noise(white_level(&powers), samples.len());
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let mut fit = Fit { estimator, samples, components: Vec::new(), noise, floor, posterior: Vec::new() };
-    for _ in 0..FIRST_FITS {
+    for _ in 0..FIRST_REFINEMENTS {
         fit.fit_noise();
     }
     let mut refined = false;
-    for _ in 0..estimator.most_paths + 4 {
+    for _ in 0..estimator.most_paths + SPARE_ROUNDS {
         if refined {
             fit.fit_noise();
             fit.set_levels();
@@ -91,7 +77,7 @@ pub(super) fn estimate<T: Real>(
         let full = fit.components.len() == estimator.most_paths;
         if !refined && (full || candidate.is_none_or(|candidate| candidate.gain < sure)) {
             refined = true;
-            for _ in 0..FITS {
+            for _ in 0..REFINEMENTS {
                 fit.fit_noise();
             }
             fit.set_levels();
@@ -146,7 +132,8 @@ impl<T: Real> Fit<'_, T> {
         let mut powers = Vec::new();
         for n in 0..residual.len() {
             let near_strong = self.components.iter().any(|component| {
-                component.gain > T::of(STRONG) && abs(T::of_count(n) - component.position) < skip
+                component.gain > T::of(self.estimator.settings.strong_sinr)
+                    && abs(T::of_count(n) - component.position) < skip
             });
             powers.push(if near_strong { None } else { Some(residual[n]) });
         }
@@ -203,7 +190,7 @@ impl<T: Real> Fit<'_, T> {
         let residual = self.residual_powers();
         let levels = self.noise.at_samples(self.samples.len());
         // Off the grid, a path may be stronger than on it. Order: compared by products, (gain)(s lambda).
-        let mut best = (None, num(0.7) * self.estimator.fitted_threshold);
+        let mut best = (None, num(SCALLOPING) * self.estimator.fitted_threshold);
         for n in 0..residual.len() {
             let s = self.uncertainty(T::of_count(n));
             let scale = s * levels[n];
@@ -363,7 +350,7 @@ impl<T: Real> Fit<'_, T> {
             let s = larger(T::ONE / sigma - T::ONE / component.prior, num(SMALLEST_S));
             let q2 = power(component.amplitude) / (component.level * square(sigma));
             component.gain = q2 / s;
-            component.prior = larger((q2 - s) / square(s), num(1e-3));
+            component.prior = larger((q2 - s) / square(s), num(LEAST_PRIOR));
         }
     }
 
@@ -380,7 +367,7 @@ impl<T: Real> Fit<'_, T> {
         if weakest.is_some() {
             return weakest;
         }
-        let merge = T::of(MERGE_PULSES) * self.estimator.table.samples_per_pulse();
+        let merge = T::of(self.estimator.settings.merge_pulses) * self.estimator.table.samples_per_pulse();
         for k in 1..self.components.len() {
             let (a, b) = (&self.components[k - 1], &self.components[k]);
             if b.position - a.position < merge {
@@ -392,7 +379,7 @@ impl<T: Real> Fit<'_, T> {
 
     /// The paths, with amplitudes by least squares (no prior).
     fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>) {
-        let inverse = inverse(&self.gram(|_| T::of(1e-3)));
+        let inverse = inverse(&self.gram(|_| T::of(RIDGE)));
         let mut paths = Vec::new();
         for k in 0..self.components.len() {
             let mut amplitude = [T::ZERO; 2];
@@ -404,7 +391,7 @@ impl<T: Real> Fit<'_, T> {
             if !(power(amplitude) < T::of(f32::MAX)) {
                 amplitude = component.amplitude;
             }
-            let sinr = larger(component.gain - T::ONE, T::of(1e-3));
+            let sinr = larger(component.gain - T::ONE, T::of(LEAST_SINR));
             paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
         }
         (paths, self.noise)

@@ -2,11 +2,7 @@
 //! between which the taps are interpolated linearly; the phases of half a sample, since the other half mirrors it.
 
 use crate::reference::real::{Real, floor, pi, sin, square};
-
-const TAPS: usize = 16;
-/// Taps before the position.
-const BEFORE: usize = TAPS / 2 - 1;
-const PHASES: usize = 64;
+use cogmint_core::perceptor::channel_estimator::interpolation::{BEFORE, PHASES, TAPS};
 
 /// The table.
 #[derive(Clone, Debug)]

@@ -11,20 +11,10 @@ use super::noise::{NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimator, Path};
 use crate::reference::pulse::PulseTable;
 use crate::reference::real::{Real, abs, larger, limited, sqrt, square};
-
-const FIRST_UPDATES: usize = 8;
-const UPDATES: usize = 2;
-/// Rounds beyond the most paths.
-const SPARE_ROUNDS: usize = 4;
-const PASSES: usize = 6;
-/// Share of a path's energy midway between two samples that the larger one keeps in noise.
-const KEPT_BETWEEN: f32 = 0.8;
-/// Path energy over the level from which on a sample says nothing of the level.
-const EXPLAINED: f32 = 0.5;
-/// Half the interval for the slope of R, pulse durations.
-const SLOPE_PULSES: f32 = 0.0625;
-/// Added to the variances of the three samples.
-const RIDGE: f32 = 1e-3;
+use cogmint_core::perceptor::channel_estimator::SPARE_ROUNDS;
+use cogmint_core::perceptor::channel_estimator::magnitude::{
+    EXPLAINED, FIRST_REFINEMENTS, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
+};
 
 #[derive(Clone, Copy, Debug)]
 struct Peak<T> {
@@ -51,12 +41,12 @@ pub(super) fn estimate<T: Real>(
     let floor = level_floor(strongest);
     let mut noise = estimator.open_noise(white_level(&powers), samples.len());
     let mut peaks: Vec<Peak<T>> = Vec::new();
-    for _ in 0..FIRST_UPDATES {
+    for _ in 0..FIRST_REFINEMENTS {
         noise.update(&beside(estimator, &powers, &peaks), floor);
     }
     for round in 0..estimator.most_paths + SPARE_ROUNDS {
         if round > 0 {
-            for _ in 0..UPDATES {
+            for _ in 0..REFINEMENTS {
                 noise.update(&beside(estimator, &powers, &peaks), floor);
             }
             refit(estimator, samples, &noise, &mut peaks);
@@ -98,7 +88,7 @@ fn strongest_peak<T: Real>(
 ) -> Option<Peak<T>> {
     let num = T::of;
     let kappa = estimator.fitted_threshold;
-    let floor = num(KEPT_BETWEEN) * square(estimator.table.at(num(0.5))) * kappa;
+    let floor = num(SCALLOPING) * square(estimator.table.at(num(0.5))) * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
         let at = T::of_count(n);

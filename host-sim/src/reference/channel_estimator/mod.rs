@@ -14,6 +14,8 @@ mod noise;
 use super::pulse::{Pulse, PulseTable};
 use super::real::{Real, larger, limited, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::model::observation::Samples;
+use cogmint_core::perceptor::channel_estimator::noise::LENGTH_DECAYS;
+use cogmint_core::perceptor::channel_estimator::{EstimatorSettings, LEAST_SINR, MOST_SINR, SELF_SHARE};
 use interpolation::Interpolation;
 
 pub use noise::{DenseMultipath, NoiseLevel};
@@ -51,15 +53,12 @@ pub struct ChannelEstimator<T> {
     sample_spacing_s: T,
     /// Decay and rise time of what dense multipath is a sum of.
     profile: [T; 2],
-    /// kappa beside a level fitted to n samples: kappa / (1 + 1.7 / n), n those of 1.56 decay times.
+    /// kappa beside a level fitted to n samples: kappa / (1 + share / n), n those of a profile's length.
     fitted_threshold: T,
     /// Most paths reported.
     most_paths: usize,
+    settings: EstimatorSettings,
 }
-
-/// SINRs reported.
-const LEAST_SINR: f32 = 1e-3;
-const MOST_SINR: f32 = 1e12;
 
 impl<T: Real> ChannelEstimator<T> {
     /// An estimator for frames of `samples` samples that finds `false_paths` paths per frame of noise.
@@ -69,6 +68,7 @@ impl<T: Real> ChannelEstimator<T> {
         samples: usize,
         false_paths: T,
         most_paths: usize,
+        settings: EstimatorSettings,
     ) -> Self {
         let num = T::of;
         let window_s = T::of_count(samples) * sample_spacing_s;
@@ -78,9 +78,9 @@ impl<T: Real> ChannelEstimator<T> {
             let crossings = num(2.0) * bandwidth_window * sqrt(pi::<T>() * threshold) + T::ONE;
             threshold = larger(ln(crossings / false_paths), T::ONE);
         }
-        let profile = NoiseLevel::profile(pulse.effective_duration_s());
-        let worth = num(1.56) * profile[0] / pulse.effective_duration_s();
-        let fitted_threshold = threshold / (T::ONE + num(1.7) / worth);
+        let profile = NoiseLevel::profile(pulse.effective_duration_s(), &settings);
+        let worth = num(LENGTH_DECAYS) * profile[0] / pulse.effective_duration_s();
+        let fitted_threshold = threshold / (T::ONE + num(SELF_SHARE) / worth);
         Self {
             table: PulseTable::new(&pulse, sample_spacing_s),
             pulse,
@@ -89,6 +89,7 @@ impl<T: Real> ChannelEstimator<T> {
             profile,
             fitted_threshold,
             most_paths,
+            settings,
         }
     }
 

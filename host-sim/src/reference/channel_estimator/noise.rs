@@ -7,25 +7,10 @@
 //! difference of two exponentials; both are carried apart.
 
 use crate::reference::real::{Real, exp, larger, smaller, sqrt, square};
-
-/// Decay time of a profile: at least so many seconds, and so many effective pulse durations. Its rise time, in decay
-/// times.
-const SHORTEST_DECAY_S: f32 = 8e-9;
-const DECAY_PULSES: f32 = 11.4;
-const RISE_DECAYS: f32 = 0.3125;
-/// chi.
-const ONSET: f32 = 0.98;
-/// The most nodes. They lie at the beginnings of cells: a rise time each, within which the fit holds lambda constant.
-const NODES: usize = 128;
-/// theta of every node at first, over the white noise.
-const FIRST_SHARE: f32 = 0.02;
-/// Cut of |r|^2 / lambda, and the share of its mean that is left below.
-const CUT: f32 = 5.0;
-const KEPT: f32 = 0.993_262;
-/// Blocks of a frame whose quietest tell its noise.
-const BLOCKS: usize = 16;
-/// What a mean of exponentially distributed powers keeps when those above five times the mean are left out.
-const TRIMMED_SHARE: f32 = 0.9661;
+use cogmint_core::perceptor::channel_estimator::EstimatorSettings;
+use cogmint_core::perceptor::channel_estimator::noise::{
+    BLOCKS, CUT, FIRST_SHARE, KEPT, NODES, ONSET, RISE_DECAYS, TRIMMED_SHARE,
+};
 
 /// The dense multipath of a frame: power (integral of its profile), mean delay, root mean square delay spread.
 #[derive(Clone, Copy, Debug)]
@@ -60,8 +45,9 @@ pub struct NoiseLevel<T> {
 
 impl<T: Real> NoiseLevel<T> {
     /// The decay and rise times for a pulse of the effective duration `effective_duration_s`.
-    pub(super) fn profile(effective_duration_s: T) -> [T; 2] {
-        let decay_s = larger(T::of(SHORTEST_DECAY_S), T::of(DECAY_PULSES) * effective_duration_s);
+    pub(super) fn profile(effective_duration_s: T, settings: &EstimatorSettings) -> [T; 2] {
+        let least_s = T::of(settings.dense_decay_pulses) * effective_duration_s;
+        let decay_s = larger(T::of(settings.dense_decay_s), least_s);
         [decay_s, T::of(RISE_DECAYS) * decay_s]
     }
 
@@ -231,7 +217,7 @@ pub(super) fn trimmed_mean<T: Real>(powers: &[T], guess: T) -> T {
     let mut sum = T::ZERO;
     let mut count = 0;
     for power in powers {
-        if *power < T::of(5.0) * guess {
+        if *power < T::of(CUT) * guess {
             sum += *power;
             count += 1;
         }

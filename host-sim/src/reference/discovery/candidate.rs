@@ -8,32 +8,18 @@ use super::hypothesis::{Hypothesis, turned};
 use super::{Background, Discovered, Viewpoint};
 use crate::reference::association::Measurement;
 use crate::reference::motion::{PX, PY};
+use crate::reference::range::height_variance_m2;
 use crate::reference::real::{Real, exp, larger, limited, pi, smaller, sqrt, square, tau};
 use crate::reference::soft_update::Moments;
+use cogmint_core::memory::discovery::candidate::{
+    DETECTION_PRIOR, FIRST_DIRECTION, HYPOTHESIS_GATE2, LEAST_EXISTENCE, LIGHTEST, MOST_EXISTENCE,
+    NEXT_DIRECTION,
+};
+use cogmint_core::memory::discovery::{DiscoverySettings, GATE, HYPOTHESES};
+use cogmint_core::model::detection::HIDDEN_DETECTION;
+use cogmint_core::model::range::LEAST_RADIUS2_M2;
+use cogmint_core::model::soft_update::LEAST_WEIGHT;
 use std::fmt;
-
-/// Gaussians on a ring.
-const HYPOTHESES: usize = 12;
-/// Direction of the first of them, pi/16, and the turn from each to the next, pi/8: cosine and sine.
-const FIRST_DIRECTION: [f32; 2] = [0.965_925_8, 0.258_819_04];
-const NEXT_DIRECTION: [f32; 2] = [0.866_025_4, 0.5];
-/// Gate of a candidate, standard deviations.
-const GATE: f32 = 3.0;
-/// Gate of a single hypothesis, as a normalised squared innovation.
-const HYPOTHESIS_GATE: f32 = 50.0;
-/// Share of the heaviest possible weight below which a hypothesis is dropped.
-const LIGHTEST: f32 = 1e-4;
-/// Bounds of existence: dropped below the first, limited to the second.
-const LEAST_EXISTENCE: f32 = 0.02;
-const MOST_EXISTENCE: f32 = 0.999;
-/// The detection probability told counts for as many scans.
-const DETECTION_PRIOR: f32 = 4.0;
-/// Resolved: hits, existence, weight of all hypotheses in one direction, and bend of their arc in standard deviations of
-/// the radius.
-const RESOLVED_HITS: u16 = 20;
-const RESOLVED_EXISTENCE: f32 = 0.9;
-const RESOLVED_WEIGHT: f32 = 0.9995;
-const RESOLVED_BEND: f32 = 1.0;
 
 /// A ring.
 #[derive(Clone, Debug)]
@@ -53,9 +39,10 @@ impl<T: Real> Candidate<T> {
     pub fn ring(viewpoint: &Viewpoint<T>, measurement: &Measurement<T>, existence: T) -> Self {
         let num = T::of;
         let slant = measurement.range_m - viewpoint.bias_m;
-        let radius_m = sqrt(larger(square(slant) - square(viewpoint.height_m), num(1e-4)));
+        let radius_m = sqrt(larger(square(slant) - square(viewpoint.height_m[0]), num(LEAST_RADIUS2_M2)));
         // d radius = (slant / radius) d slant.
         let stretch = slant / radius_m;
+        let of_height = height_variance_m2(viewpoint.height_m, slant);
         let half_angle = pi::<T>() / T::of_count(HYPOTHESES);
         let c = &viewpoint.agent.covariance;
         let tag_covariance = [[c[PX][PX], c[PY][PX]], [c[PY][PX], c[PY][PY]]];
@@ -69,8 +56,8 @@ impl<T: Real> Candidate<T> {
                 ux * tag_covariance[0][0] + uy * tag_covariance[1][0],
                 ux * tag_covariance[0][1] + uy * tag_covariance[1][1],
             ];
-            let radius_variance =
-                measurement.variance_m2 * square(stretch) + (ux * with_tag[0] + uy * with_tag[1]);
+            let radius_variance = (measurement.variance_m2 + of_height) * square(stretch)
+                + (ux * with_tag[0] + uy * with_tag[1]);
             hypotheses.push(Hypothesis {
                 direction,
                 radius_m,
@@ -97,7 +84,7 @@ impl<T: Real> Candidate<T> {
         let told = background.detection_probability;
         let hits = num(DETECTION_PRIOR) * told + num(f32::from(self.hits)) - T::ONE;
         let scans = num(DETECTION_PRIOR) + num(f32::from(self.age)) - T::ONE;
-        limited(hits / scans, num(0.1), told)
+        limited(hits / scans, num(HIDDEN_DETECTION), told)
     }
 
     /// Mean and variance of the mixture's range. Order: moments relative to the first hypothesis' mean.
@@ -159,7 +146,7 @@ impl<T: Real> Candidate<T> {
                 let variance = line.variance_m2 + measurements[m].variance_m2;
                 let innovation = measurements[m].range_m - viewpoint.bias_m - line.range_m;
                 let nis = square(innovation) / variance;
-                if psi[m] > T::ZERO && nis < num(HYPOTHESIS_GATE) {
+                if psi[m] > T::ZERO && nis < num(HYPOTHESIS_GATE2) {
                     let p = nu[m] * likelihood(scale, nis, variance);
                     moments.add(p, innovation);
                     noise += p * measurements[m].variance_m2;
@@ -170,7 +157,7 @@ impl<T: Real> Candidate<T> {
             hit += hypothesis.weight * seen;
             hypothesis.weight *= total;
             sum += hypothesis.weight;
-            if seen > num(1e-3) * total {
+            if seen > num(LEAST_WEIGHT) * total {
                 let variance = line.variance_m2 + noise / seen;
                 hypothesis.correct(&line, &moments.over(total), variance);
             }
@@ -231,9 +218,10 @@ impl<T: Real> Candidate<T> {
     }
 
     /// The discovery, once the hypotheses beside the heaviest hold nearly all weight and make a Gaussian in the plane.
-    pub fn resolved(&self) -> Option<Discovered<T>> {
+    pub fn resolved(&self, settings: &DiscoverySettings) -> Option<Discovered<T>> {
         let num = T::of;
-        if self.hits < RESOLVED_HITS || self.existence < num(RESOLVED_EXISTENCE) || self.missed {
+        let uncertain = self.existence < num(settings.resolved_existence);
+        if self.hits < settings.resolved_hits || uncertain || self.missed {
             return None;
         }
         let heaviest = self.heaviest();
@@ -245,8 +233,8 @@ impl<T: Real> Candidate<T> {
         let [angle_variance, _, radius_variance] = union.covariance;
         // The arc of one standard deviation strays from its tangent by a^2 r / 2.
         let bend = num(0.5) * angle_variance * union.radius_m;
-        let bent = square(bend) > num(RESOLVED_BEND) * num(RESOLVED_BEND) * radius_variance;
-        if union.weight <= num(RESOLVED_WEIGHT) || bent {
+        let bent = square(bend) > radius_variance;
+        if union.weight <= num(settings.resolved_weight) || bent {
             return None;
         }
         let (position_m, gain, covariance_m2) = union.given_tag(self.origin_m);

@@ -6,19 +6,12 @@
 
 use super::Square;
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product, transposed};
-use crate::reference::range::five_points;
+use crate::reference::range::{five_points, height_variance_m2};
 use crate::reference::real::{Real, larger, smaller, sqrt, square};
 use crate::reference::soft_update::Moments;
+use cogmint_core::memory::discovery::hypothesis::{LEAST_ANGLE, LEAST_RADIUS_M2, LEAST_TAG_M2};
+use cogmint_core::model::soft_update::LARGEST_SHRINK;
 use std::fmt;
-
-/// Least variances of angle, radius and tag.
-const SMALLEST_ANGLE: f32 = 1e-14;
-const SMALLEST_RADIUS_M2: f32 = 1e-12;
-const SMALLEST_TAG_M2: f32 = 1e-12;
-/// Neighbours are merged at less than this squared Mahalanobis distance.
-const MERGE_DISTANCE2: f32 = 1.0;
-/// Most that an update may shrink a variance.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
 
 /// A hypothesis.
 #[derive(Clone, Copy, Debug)]
@@ -54,16 +47,16 @@ pub struct Line<T> {
 impl<T: Real> Hypothesis<T> {
     /// The line of the range; `offset` leads from the state filter's tag to the origin. Five sigma points in angle and
     /// radius; the tag moves the range by the cosines of its direction.
-    pub fn regress(&self, offset: [T; 2], height_m: T) -> Line<T> {
+    pub fn regress(&self, offset: [T; 2], height: [T; 2]) -> Line<T> {
         let num = T::of;
         let offset = [offset[0] - self.tag_shift_m[0], offset[1] - self.tag_shift_m[1]];
         let [aa, ra, rr] = self.covariance;
         let here = self.direction;
-        let line = five_points(self.covariance, [SMALLEST_ANGLE, SMALLEST_RADIUS_M2], |[angle, ahead]| {
+        let line = five_points(self.covariance, [LEAST_ANGLE, LEAST_RADIUS_M2], |[angle, ahead]| {
             let (direction, radius) = (turned(here, rotation(angle)), self.radius_m + ahead);
             let dx = offset[0] + radius * direction[0];
             let dy = offset[1] + radius * direction[1];
-            sqrt(square(dx) + square(dy) + square(height_m))
+            sqrt(square(dx) + square(dy) + square(height[0]))
         });
         let [over_angle, over_radius] = line.slope;
         let slant = larger(line.centre, num(1e-3));
@@ -88,8 +81,9 @@ impl<T: Real> Hypothesis<T> {
         let explained = over_angle * with_own[0]
             + over_radius * with_own[1]
             + (over_tag[0] * with_tag[0] + over_tag[1] * with_tag[1]);
-        let explained = larger(explained, num(SMALLEST_RADIUS_M2));
-        Line { range_m: line.mean, with_own, with_tag, variance_m2: explained + line.residual }
+        let explained = larger(explained, num(LEAST_RADIUS_M2));
+        let residual = line.residual + height_variance_m2(height, line.centre);
+        Line { range_m: line.mean, with_own, with_tag, variance_m2: explained + residual }
     }
 
     /// Soft Kalman update; `variance` is an innovation's.
@@ -109,9 +103,9 @@ impl<T: Real> Hypothesis<T> {
         // C <- C + scale w w'. Order: (scale w_row) w_column.
         let [aa, ra, rr] = self.covariance;
         self.covariance = [
-            larger(aa + scale * wa * wa, num(SMALLEST_ANGLE)),
+            larger(aa + scale * wa * wa, num(LEAST_ANGLE)),
             ra + scale * wr * wa,
-            larger(rr + scale * wr * wr, num(SMALLEST_RADIUS_M2)),
+            larger(rr + scale * wr * wr, num(LEAST_RADIUS_M2)),
         ];
         for (row, w) in [wa, wr].into_iter().enumerate() {
             self.cross[row][0] += scale * w * wx;
@@ -124,7 +118,7 @@ impl<T: Real> Hypothesis<T> {
 
     /// From xx, yx, yy, floored.
     fn set_tag_covariance(&mut self, [xx, yx, yy]: [T; 3]) {
-        let least = T::of(SMALLEST_TAG_M2);
+        let least = T::of(LEAST_TAG_M2);
         self.tag_covariance = [[larger(xx, least), yx], [yx, larger(yy, least)]];
     }
 
@@ -165,9 +159,9 @@ impl<T: Real> Hypothesis<T> {
         self.cross = product(&old, &transposed(&b));
         let [aa, ra, rr] = self.covariance;
         self.covariance = [
-            larger(aa - shrunk[0][0], T::of(SMALLEST_ANGLE)),
+            larger(aa - shrunk[0][0], T::of(LEAST_ANGLE)),
             ra - shrunk[1][0],
-            larger(rr - shrunk[1][1], T::of(SMALLEST_RADIUS_M2)),
+            larger(rr - shrunk[1][1], T::of(LEAST_RADIUS_M2)),
         ];
         self.turn(angle);
         self.radius_m += radius;
@@ -183,8 +177,8 @@ impl<T: Real> Hypothesis<T> {
         let [aa, ra, rr] = self.covariance;
         let cross = ra - explained[1][0];
         let left = [
-            [larger(aa - explained[0][0], T::of(SMALLEST_ANGLE)), cross],
-            [cross, larger(rr - explained[1][1], T::of(SMALLEST_RADIUS_M2))],
+            [larger(aa - explained[0][0], T::of(LEAST_ANGLE)), cross],
+            [cross, larger(rr - explained[1][1], T::of(LEAST_RADIUS_M2))],
         ];
         let gain = product(&d, &slope);
         let back = applied(&gain, self.tag_shift_m);
@@ -223,7 +217,7 @@ impl<T: Real> Hypothesis<T> {
         let ra = self.covariance[1] + other.covariance[1];
         let rr = self.covariance[2] + other.covariance[2];
         let form = rr * square(da) - num(2.0) * (ra * (da * dr)) + aa * square(dr);
-        self.is_beside(other) && form < num(MERGE_DISTANCE2) * (aa * rr - square(ra))
+        self.is_beside(other) && form < (aa * rr - square(ra))
     }
 
     /// Becomes the Gaussian with the moments of both.

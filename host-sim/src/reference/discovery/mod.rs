@@ -23,26 +23,13 @@ mod hypothesis;
 use self::candidate::Candidate;
 use self::common_motion::{Correction, Prediction};
 use super::association::Measurement;
-use super::motion::{Agent, PX, PY};
-use super::real::{Real, abs, larger, sqrt};
+use super::motion::{Agent, MotionStep, PX, PY};
+use super::real::{Real, abs, larger, sqrt, square};
 use super::{Matrix, zeros};
+use cogmint_core::memory::discovery::{
+    CANDIDATES, CLEARLY, DiscoverySettings, LEAST_FREE, LEAST_PRIOR, LOST_M2, ROUNDS,
+};
 use std::fmt;
-
-/// Most candidates per anchor.
-const CANDIDATES: usize = 6;
-/// Candidates are given up once the tag's position has more variance than this, square metres.
-const LOST_M2: f32 = 1.0;
-/// A ring is drawn once the tag is known as well as the range is, in variances, or to 5 cm.
-const SETTLED_SHARE: f32 = 1.0;
-const SETTLED_M2: f32 = 2.5e-3;
-/// Standard deviations by which a reflection is longer than the direct path.
-const CLEARLY: f32 = 3.0;
-/// Least probability that known features leave a measurement.
-const LEAST_FREE: f32 = 1e-6;
-/// Rounds of messages.
-const ROUNDS: usize = 10;
-/// Least probability that a ring is about a virtual anchor.
-const LEAST_PRIOR: f32 = 0.1;
 
 /// A 2 x 2 matrix: rows of entries.
 pub type Square<T> = [[T; 2]; 2];
@@ -52,8 +39,8 @@ pub type Square<T> = [[T; 2]; 2];
 pub struct Viewpoint<T> {
     /// The tag.
     pub agent: Agent<T>,
-    /// Height of the anchor above the tag, metres.
-    pub height_m: T,
+    /// Height of the anchor above the tag, metres: mean and standard deviation.
+    pub height_m: [T; 2],
     /// Bias of the anchor's ranges, metres.
     pub bias_m: T,
     /// Range of the direct path, metres, and its variance, square metres.
@@ -133,13 +120,14 @@ pub struct Discovered<T> {
 /// The candidates of every anchor.
 #[derive(Clone, Debug)]
 pub struct Discovery<T> {
+    settings: DiscoverySettings,
     candidates: Vec<Vec<Candidate<T>>>,
 }
 
 impl<T: Real> Discovery<T> {
     /// No candidates.
-    pub fn new(anchors: usize) -> Self {
-        Self { candidates: vec![Vec::new(); anchors] }
+    pub fn new(anchors: usize, settings: DiscoverySettings) -> Self {
+        Self { settings, candidates: vec![Vec::new(); anchors] }
     }
 
     /// Number of candidates of an anchor.
@@ -154,10 +142,10 @@ impl<T: Real> Discovery<T> {
         }
     }
 
-    /// After the state filter's prediction over `dt` seconds.
-    pub fn predict(&mut self, before: &Agent<T>, after: &Agent<T>, dt: T) {
+    /// After the state filter's prediction by a step.
+    pub fn predict(&mut self, before: &Agent<T>, after: &Agent<T>, step: &MotionStep<T>) {
         let lost = after.covariance[PX][PX] + after.covariance[PY][PY] > T::of(LOST_M2);
-        let step = Prediction::new(before, after, dt);
+        let step = Prediction::new(before, after, step.drift_s);
         for candidates in &mut self.candidates {
             if lost {
                 candidates.clear();
@@ -245,7 +233,7 @@ impl<T: Real> Discovery<T> {
         let tag = num(0.5) * (c[PX][PX] + c[PY][PY]);
         let prior = larger(T::ONE - background.false_alarms_per_m / background.all_per_m, num(LEAST_PRIOR));
         for m in 0..columns {
-            let known = larger(num(SETTLED_SHARE) * measurements[m].variance_m2, num(SETTLED_M2));
+            let known = larger(measurements[m].variance_m2, square(num(self.settings.begin_below_m)));
             let deviation = sqrt(viewpoint.direct_variance_m2 + measurements[m].variance_m2);
             let reflected = measurements[m].range_m > viewpoint.direct_m + num(CLEARLY) * deviation;
             let free = unclaimed[m] > num(0.5) && candidates.len() < CANDIDATES;
@@ -259,7 +247,7 @@ impl<T: Real> Discovery<T> {
     /// Takes the first resolved candidate of an anchor out.
     pub fn take_resolved(&mut self, anchor: usize) -> Option<Discovered<T>> {
         for i in 0..self.candidates[anchor].len() {
-            if let Some(found) = self.candidates[anchor][i].resolved() {
+            if let Some(found) = self.candidates[anchor][i].resolved(&self.settings) {
                 self.candidates[anchor].remove(i);
                 return Some(found);
             }

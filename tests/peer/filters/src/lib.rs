@@ -41,9 +41,9 @@ pub struct Scene {
     /// Seconds per step.
     pub step_s: f32,
     /// Standard deviation of the tag's acceleration, m/s^2.
-    pub acceleration_std_m_s2: f32,
+    pub acceleration_density_m2_s3: f32,
     /// Random walk of a virtual anchor per step, metres.
-    pub virtual_anchor_walk_m: f32,
+    pub virtual_anchor_walk_m_sqrt_s: f32,
 }
 
 /// A filter in the middle of its work.
@@ -78,16 +78,16 @@ impl Scene {
 
     /// Calls `f` with row, column and value of every entry of Q.
     pub fn each_noise(&self, mut f: impl FnMut(usize, usize, f32)) {
-        let q = self.acceleration_std_m_s2 * self.acceleration_std_m_s2;
+        let q = self.acceleration_density_m2_s3;
         let dt = self.step_s;
         for axis in 0..2 {
-            f(axis, axis, q * dt * dt * dt * dt / 4.0);
-            f(axis, axis + 2, q * dt * dt * dt / 2.0);
-            f(axis + 2, axis, q * dt * dt * dt / 2.0);
-            f(axis + 2, axis + 2, q * dt * dt);
+            f(axis, axis, q * dt * dt * dt / 3.0);
+            f(axis, axis + 2, q * dt * dt / 2.0);
+            f(axis + 2, axis, q * dt * dt / 2.0);
+            f(axis + 2, axis + 2, q * dt);
         }
         for state in 4..STATES {
-            f(state, state, self.virtual_anchor_walk_m * self.virtual_anchor_walk_m);
+            f(state, state, self.virtual_anchor_walk_m_sqrt_s * self.virtual_anchor_walk_m_sqrt_s * dt);
         }
     }
 
