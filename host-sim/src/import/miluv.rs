@@ -140,7 +140,12 @@ fn recording_of(
     Recording {
         name,
         source,
-        motion: Motion::of_acceleration(1.0),
+        // A drone hovers and turns: in-sample, on random_1.
+        motion: Motion {
+            acceleration_density_m2_s3: Some(0.25),
+            velocity_decay_s: Some(1.5),
+            ..Motion::default()
+        },
         start: Start {
             position_m: [mean(0), mean(1)],
             position_std_m: 1.5,
