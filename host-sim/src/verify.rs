@@ -17,6 +17,7 @@ use cogmint_core::model::measurement::Measurement;
 use cogmint_core::observer::Observer;
 use cogmint_core::perceptor::association::{Belief, Beliefs};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimate;
+use cogmint_core::perceptor::expectation::Sighting;
 use cogmint_core::trace::TraceHash;
 use serde::Serialize;
 use std::fmt;
@@ -420,7 +421,7 @@ impl Comparison {
         &mut self,
         anchor: usize,
         core: &Beliefs<VAS, PATHS>,
-        reference: &crate::reference::cycle::AssociatedScan<f32>,
+        reference: &crate::reference::association::outcome::Outcome<f32>,
     ) {
         use cogmint_core::model::source::Source;
         let stage = "associate";
@@ -433,7 +434,7 @@ impl Comparison {
             theirs.features.len(),
         );
         self.count(stage, format_args!("iterations of anchor {anchor}"), core.iterations, theirs.iterations);
-        let sources = reference.regressions.iter().map(|regression| regression.source);
+        let sources = reference.expected.iter().map(|expected| expected.regression.source);
         for ((a, b), source) in features.into_iter().zip(&theirs.features).zip(sources) {
             let name = match source {
                 Source::Direct { anchor } => format!("direct path of anchor {anchor}"),
@@ -479,12 +480,12 @@ impl Comparison {
         numbers.clear();
         core.channel().visit(|value| numbers.push(value));
         self.list(stage, "the channel memory", &numbers, |f| reference.channel.visit(f));
-        for (anchor, (a, b)) in core.unexplained().iter().zip(&reference.unexplained).enumerate() {
+        for (anchor, (a, b)) in core.unexplained().iter().zip(&reference.clutter.unexplained).enumerate() {
             self.float(stage, format_args!("mean of unexplained measurements of anchor {anchor}"), *a, *b);
         }
 
         let stage = "acquire";
-        let (ours, theirs) = (core.acquisition(), &reference.acquisition);
+        let (ours, theirs) = (core.acquisition(), &reference.belief.acquisition);
         let name = format_args!("whether the tag is searched for");
         self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
         if let (Some(ours), Some(theirs)) = (ours, theirs) {
@@ -516,7 +517,7 @@ impl Comparison {
             "cycles lost",
             "action sought with",
         ];
-        for (index, theirs) in reference.controllers.iter().enumerate() {
+        for (index, theirs) in reference.controllers.all.iter().enumerate() {
             let Some(ours) = core.controller_of(index) else { continue };
             for (action, (a, b)) in ours.values().values().iter().zip(&theirs.values).enumerate() {
                 self.float(stage, format_args!("value {index} of action {action}"), *a, *b);
@@ -572,7 +573,7 @@ impl Comparison {
 }
 
 fn visit_gain_control(reference: &Reference<f32>, f: &mut dyn FnMut(fmt::Arguments<'_>, f32)) {
-    for (anchor, control) in reference.gain_control.iter().enumerate() {
+    for (anchor, control) in reference.receiver.gain_control.iter().enumerate() {
         control.visit(anchor, f);
     }
 }
@@ -581,32 +582,34 @@ fn visit_gain_control(reference: &Reference<f32>, f: &mut dyn FnMut(fmt::Argumen
 fn state_hash(reference: &Reference<f32>) -> u64 {
     let mut hash = TraceHash::default();
     hash.word(reference.cycle);
-    reference.missing.iter().for_each(|lost| hash.word(*lost));
+    reference.controllers.missing.iter().for_each(|lost| hash.word(*lost));
     // Nobody tells it the full band.
     hash.word(0);
-    reference.controllers.iter().flat_map(Controller::words).for_each(|word| hash.word(word));
+    reference.controllers.all.iter().flat_map(Controller::words).for_each(|word| hash.word(word));
     visit_gain_control(reference, &mut |_, value| hash.float(value));
     reference.filter.visit(&mut |_, value| hash.float(value));
     for (slot, record) in reference.environment.in_use() {
         hash.word(slot as u32);
         hash.word(record.anchor as u32);
         hash.float(record.existence);
-        hash.word(u32::from(record.misses));
+        hash.word(u32::from(record.sighting == Sighting::Hidden));
         hash.word(record.hits);
     }
     reference.channel.visit(&mut |_, value| hash.float(value));
     reference.discovery.visit(&mut |_, value| hash.float(value));
-    hash.word(u32::from(reference.acquisition.is_some()));
-    if let Some(acquisition) = &reference.acquisition {
+    hash.word(u32::from(reference.belief.acquisition.is_some()));
+    if let Some(acquisition) = &reference.belief.acquisition {
         acquisition.visit(&mut |_, value| hash.float(value));
     }
-    hash.float(reference.loss.doubt_nat);
-    for controller in &reference.controllers {
+    hash.float(reference.belief.loss.doubt_nat);
+    for controller in &reference.controllers.all {
         controller.values.iter().chain(&controller.policy).for_each(|value| hash.float(*value));
         hash.float(controller.planned_reward.unwrap_or(0.0));
+        hash.float(controller.turn_s);
     }
-    reference.unexplained.iter().for_each(|value| hash.float(*value));
-    for last in &reference.last_sequence {
+    reference.clutter.unexplained.iter().for_each(|value| hash.float(*value));
+    reference.receiver.silent_s.iter().flatten().for_each(|value| hash.float(*value));
+    for last in &reference.receiver.last_sequence {
         hash.word(u32::from(last.is_some()));
         hash.word(last.unwrap_or(0));
     }
@@ -635,13 +638,13 @@ fn decision_difference(
         }
     }
     let places = [
-        single.acquisition.as_ref().map(|acquisition| acquisition.places()),
-        double.acquisition.as_ref().map(|acquisition| acquisition.places()),
+        single.belief.acquisition.as_ref().map(|acquisition| acquisition.places()),
+        double.belief.acquisition.as_ref().map(|acquisition| acquisition.places()),
     ];
     if places[0] != places[1] {
         return Some("number of places the tag may be at".to_owned());
     }
-    for anchor in 0..single.unexplained.len() {
+    for anchor in 0..single.clutter.unexplained.len() {
         if single.discovery.candidates(anchor) != double.discovery.candidates(anchor) {
             return Some(format!("number of candidates of anchor {anchor}"));
         }
@@ -655,8 +658,8 @@ fn decision_difference(
             return Some(format!("virtual anchor in slot {slot}"));
         }
     }
-    let ours = single.controllers.iter().map(|controller| controller.action);
-    let precise = double.controllers.iter().map(|controller| controller.action);
+    let ours = single.controllers.all.iter().map(|controller| controller.action);
+    let precise = double.controllers.all.iter().map(|controller| controller.action);
     (!ours.eq(precise)).then(|| "next action".to_owned())
 }
 
@@ -1248,7 +1251,7 @@ mod tests {
         let mut reference = twin::<f32, SMALL_ANCHORS>(&setup);
         let tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
         assert_eq!(state_hash(&reference), tracker.hash());
-        reference.last_sequence[1] = Some(0);
+        reference.receiver.last_sequence[1] = Some(0);
         assert_ne!(state_hash(&reference), tracker.hash());
     }
 }

@@ -1,7 +1,7 @@
 //! The reduced filter against the textbook: a 2n+1-point unscented filter over the whole state in f64, and the
 //! covariance's definiteness over many cycles.
 
-use cogmint::reference::state_filter as twin;
+use cogmint::reference::{range, soft_update, state_filter as twin};
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::soft_update::Moments;
 use cogmint_core::model::source::{Sight, Source};
@@ -275,7 +275,7 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 let line = filter
                     .regress(source, &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 })
                     .unwrap();
-                let sight = twin::Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 };
+                let sight = range::Sight { anchor_m: ANCHORS[anchor], height_m: [1.0, 0.4] };
                 let reference_line = reference.regress(source, &sight);
                 let weight = noise.uniform() as f32;
                 let first_m = weight * 0.1 * noise.normal() as f32;
@@ -283,13 +283,8 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 let variance_m2 = 1e-4;
                 let moments = Moments { weight, first_m, second_m2 };
                 ours.push(Innovation { regression: line, moments, variance_m2 });
-                theirs.push(twin::Innovation {
-                    regression: reference_line,
-                    weight,
-                    first_m,
-                    second_m2,
-                    variance_m2,
-                });
+                let moments = soft_update::Moments { weight, first_m, second_m2 };
+                theirs.push(twin::Innovation { regression: reference_line, moments, variance_m2 });
             }
             filter.update(ours);
             reference.update(&theirs);

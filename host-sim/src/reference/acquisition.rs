@@ -14,14 +14,13 @@
 //! In the first scans places are proposed: each early range puts the tag on a circle around its anchor, cut into arcs.
 
 use super::association::{Measurement, is_earlier};
+use super::motion::{AGENT, Agent, MotionStep, PX, PY, VX, VY, mirror};
+use super::range::{Line, height_variance_m2, regress_distance};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
-use super::state_filter::{
-    AGENT, Agent, PX, PY, VX, VY, height_variance_m2, predict_agent, regress_distance,
-};
-use super::{Matrix, zeros};
-use cogmint_core::model::motion::Motion;
+use super::soft_update::{Moments, SoftUpdate};
+use super::zeros;
 use cogmint_core::model::range::LEAST_RADIUS2_M2;
-use cogmint_core::model::soft_update::{LARGEST_SHRINK, LEAST_WEIGHT};
+use cogmint_core::model::soft_update::LEAST_WEIGHT;
 use cogmint_core::perceptor::belief::acquisition::{
     ARC_STD, AcquisitionSettings, BRANCHES, DIRECTIONS, DOUBT, EARLIER, EARLIEST, GATE2, LEAST_DETERMINANT,
     LEAST_FACTOR, LIGHTEST, NEXT_DIRECTION, PLACES, PRIOR_GATE2, ROUNDING_MARGIN,
@@ -73,26 +72,6 @@ struct Place<T> {
     weight_ln: T,
 }
 
-/// The line that a landmark's range follows around a place.
-struct Line<T> {
-    range_m: T,
-    slope: [T; 2],
-    /// Variance of the range expected.
-    variance_m2: T,
-}
-
-/// What the ranges of one landmark amount to.
-struct Shift<T> {
-    /// Their probability.
-    share: T,
-    /// First moment of their innovations, metres.
-    first_m: T,
-    /// Second moment, square metres.
-    second_m2: T,
-    /// Measurement variance, square metres.
-    noise_m2: T,
-}
-
 /// The mixture.
 #[derive(Clone, Debug)]
 pub struct Acquisition<T> {
@@ -107,13 +86,23 @@ pub struct Acquisition<T> {
     newcomer_ln: T,
     /// Of every anchor, the shortest ranges of its last scan and of that before, metres.
     earlier_m: Vec<[Vec<T>; 2]>,
+    /// How long ago these scans were, seconds.
+    earlier_age_s: Vec<[T; 2]>,
 }
 
 impl<T: Real> Acquisition<T> {
     /// Around the prior, for so many anchors.
     pub fn new(prior: Agent<T>, speed_m2_s2: T, anchors: usize, settings: AcquisitionSettings) -> Self {
-        let earlier_m = vec![[Vec::new(), Vec::new()]; anchors];
-        Self { prior, speed_m2_s2, settings, places: Vec::new(), scans: 0, newcomer_ln: T::ZERO, earlier_m }
+        Self {
+            prior,
+            speed_m2_s2,
+            settings,
+            places: Vec::new(),
+            scans: 0,
+            newcomer_ln: T::ZERO,
+            earlier_m: vec![[Vec::new(), Vec::new()]; anchors],
+            earlier_age_s: vec![[T::ZERO; 2]; anchors],
+        }
     }
 
     /// Intensity of what belongs to no landmark at each range of a scan of `anchor`, per metre: the larger, the nearer the range
@@ -124,15 +113,13 @@ impl<T: Real> Acquisition<T> {
         measurements: &[Measurement<T>],
         all_per_m: T,
         unmapped: T,
-        dt: T,
     ) -> Vec<T> {
-        let moved_m2 = square(dt) * (self.prior.covariance[VX][VX] + self.prior.covariance[VY][VY]);
+        let velocity_m2_s2 = self.prior.covariance[VX][VX] + self.prior.covariance[VY][VY];
         let mut backgrounds = Vec::new();
         for z in measurements {
-            let mut variance = T::of(2.0) * z.variance_m2;
             let mut most = T::ZERO;
-            for scan in &self.earlier_m[anchor] {
-                variance += moved_m2;
+            for (scan, age_s) in self.earlier_m[anchor].iter().zip(self.earlier_age_s[anchor]) {
+                let variance = T::of(2.0) * z.variance_m2 + square(age_s) * velocity_m2_s2;
                 let mut density = T::ZERO;
                 for earlier_m in scan {
                     let nis = square(z.range_m - *earlier_m) / variance;
@@ -157,33 +144,27 @@ impl<T: Real> Acquisition<T> {
         self.places.len()
     }
 
-    /// Prediction by `dt` seconds; a position that is known worse than the limit gets no worse.
-    pub fn predict(&mut self, motion: &Motion, dt: T) {
-        let limit = square(T::of(motion.position_std_limit_m));
-        let acceleration = T::of(motion.acceleration_density_m2_s3);
+    /// Prediction by a step of `dt` seconds; a position that is known worse than the limit gets no worse.
+    pub fn predict(&mut self, step: &MotionStep<T>, position_std_limit_m: T, dt: T) {
+        for age_s in self.earlier_age_s.iter_mut().flatten() {
+            *age_s += dt;
+        }
+        let limit = square(position_std_limit_m);
         let places = self.places.iter_mut().map(|place| &mut place.agent);
         for agent in places.chain([&mut self.prior]) {
-            let mut next = predict_agent(&agent.covariance, dt, acceleration, T::ONE);
-            if larger(next[PX][PX], next[PY][PY]) > limit {
+            let next = step.predicted(agent);
+            let c = &next.covariance;
+            if larger(c[PX][PX], c[PY][PY]) > limit {
                 // Within reach of where it was, at any speed.
-                for i in 0..AGENT {
-                    for j in 0..AGENT {
-                        if i != j {
-                            next[i][j] = T::ZERO;
-                        }
-                    }
-                }
+                agent.covariance = zeros(AGENT, AGENT);
                 for (p, v) in [(PX, VX), (PY, VY)] {
-                    next[p][p] = smaller(next[p][p], limit);
-                    next[v][v] = self.speed_m2_s2;
+                    agent.covariance[p][p] = smaller(c[p][p], limit);
+                    agent.covariance[v][v] = self.speed_m2_s2;
                     agent.mean[v] = T::ZERO;
                 }
             } else {
-                for (p, v) in [(PX, VX), (PY, VY)] {
-                    agent.mean[p] = agent.mean[p] + dt * agent.mean[v];
-                }
+                *agent = next;
             }
-            agent.covariance = next;
         }
     }
 
@@ -235,6 +216,8 @@ impl<T: Real> Acquisition<T> {
         ranges_m.truncate(EARLIER);
         let [last, before] = &mut self.earlier_m[sweep.anchor];
         *before = std::mem::replace(last, ranges_m);
+        let [last_s, before_s] = &mut self.earlier_age_s[sweep.anchor];
+        *before_s = std::mem::replace(last_s, T::ZERO);
     }
 
     /// The places at which an early range of sweep `s` would be its direct path.
@@ -420,6 +403,11 @@ impl<T: Real> Acquisition<T> {
                 }
             }
         }
+        for (anchor, ages_s) in self.earlier_age_s.iter().enumerate() {
+            for (back, age_s) in ages_s.iter().enumerate() {
+                f(format_args!("age of the scan of anchor {anchor}, {} scans ago", back + 1), *age_s);
+            }
+        }
     }
 }
 
@@ -448,8 +436,8 @@ impl<T: Real> Place<T> {
         let detection = sweep.direct.detection;
         let line = self.regress(&sweep.direct);
         if given.is_none() {
-            let expected_m = line.range_m + sweep.bias_m;
-            let variance_m2 = line.variance_m2 + sweep.bias_variance_m2;
+            let expected_m = line.mean + sweep.bias_m;
+            let variance_m2 = line.explained + line.residual + sweep.bias_variance_m2;
             let shorter = sweep.shorter_cost(expected_m, variance_m2);
             let mut missed = self.clone();
             missed.weight_ln += ln(larger((T::ONE - detection) * shorter, num(LEAST_FACTOR)));
@@ -459,8 +447,8 @@ impl<T: Real> Place<T> {
         for m in 0..sweep.measurements.len() {
             let measurement = &sweep.measurements[m];
             let noise_m2 = measurement.variance_m2 + sweep.bias_variance_m2;
-            let innovation = measurement.range_m - sweep.bias_m - line.range_m;
-            let variance = line.variance_m2 + noise_m2;
+            let innovation = measurement.range_m - sweep.bias_m - line.mean;
+            let variance = line.explained + line.residual + noise_m2;
             let nis = square(innovation) / variance;
             let chosen = given.map_or(nis < num(GATE2), |range_m| range_m == measurement.range_m);
             if !chosen {
@@ -474,8 +462,9 @@ impl<T: Real> Place<T> {
             let mut heard = self.clone();
             heard.weight_ln += ln(larger(factor, num(LEAST_FACTOR)));
             if given.is_none() {
-                let second_m2 = square(innovation);
-                heard.correct(&line, &Shift { share: T::ONE, first_m: innovation, second_m2, noise_m2 });
+                let mut moments = Moments::none();
+                moments.add(T::ONE, innovation);
+                heard.correct(&line, &moments, noise_m2);
             }
             heard.weigh_reflections(sweep, Some(m), [measurement.range_m, noise_m2]);
             keep_heaviest(grown, BRANCHES, heard);
@@ -488,9 +477,7 @@ impl<T: Real> Place<T> {
         let a = &landmark.covariance_m2;
         let [ax, ay] = landmark.position_m;
         let spread = [c[PX][PX] + a[0][0], c[PY][PX] + a[1][0], c[PY][PY] + a[1][1]];
-        let (range_m, slope, residual, explained) =
-            regress_distance([mean[PX] - ax, mean[PY] - ay], spread, landmark.height_m);
-        Line { range_m, slope, variance_m2: explained + residual }
+        regress_distance([mean[PX] - ax, mean[PY] - ay], spread, landmark.height_m)
     }
 
     /// Weighs by the virtual anchors, one by one; `taken` is the direct path.
@@ -509,23 +496,22 @@ impl<T: Real> Place<T> {
         for landmark in &sweep.reflections {
             let line = self.regress(landmark);
             let mut shares = vec![T::ZERO; columns];
-            let [mut weight, mut first, mut second, mut noise] = [T::ZERO; 4];
+            let (mut moments, mut noise) = (Moments::none(), T::ZERO);
             for m in 0..columns {
                 let own = sweep.measurements[m].variance_m2 + sweep.bias_variance_m2;
-                let innovation = sweep.measurements[m].range_m - sweep.bias_m - line.range_m;
-                let variance = line.variance_m2 + own;
+                let innovation = sweep.measurements[m].range_m - sweep.bias_m - line.mean;
+                let variance = line.explained + line.residual + own;
                 let nis = square(innovation) / variance;
                 let earlier = is_earlier(&sweep.measurements[m], direct_m, direct_variance_m2);
                 if nis < num(GATE2) && !earlier {
                     let density = landmark.detection * exp(num(-0.5) * nis) / sqrt(tau::<T>() * variance);
                     let p = left[m] * density / sweep.all_per_m[m];
                     shares[m] = p;
-                    weight += p;
-                    first += p * innovation;
-                    second += p * square(innovation);
+                    moments.add(p, innovation);
                     noise += p * own;
                 }
             }
+            let weight = moments.weight;
             let total = weight + (T::ONE - landmark.detection);
             self.weight_ln += ln(larger(total, num(LEAST_FACTOR)));
             for m in 0..columns {
@@ -537,32 +523,22 @@ impl<T: Real> Place<T> {
             let a = &landmark.covariance_m2;
             let own = gx * (gx * a[0][0] + gy * a[1][0]) + gy * (gx * a[1][0] + gy * a[1][1]);
             if weight > num(LEAST_WEIGHT) * total && own * weight < noise {
-                let shift = Shift {
-                    share: weight / total,
-                    first_m: first / total,
-                    second_m2: second / total,
-                    noise_m2: noise / weight,
-                };
-                self.correct(&line, &shift);
+                self.correct(&line, &moments.over(total), noise / weight);
             }
         }
     }
 
-    /// The state filter's update, of the tag alone: x <- x + w nu / S, C <- C + (spread / S^2 - share / S) w w'.
-    fn correct(&mut self, line: &Line<T>, shift: &Shift<T>) {
+    /// The soft update of the tag alone, by measurements of this variance.
+    fn correct(&mut self, line: &Line<T>, innovations: &Moments<T>, noise_m2: T) {
         let Agent { mean, covariance: c } = &mut self.agent;
         let [gx, gy] = line.slope;
         let w: Vec<T> = (0..AGENT).map(|i| gx * c[i][PX] + gy * c[i][PY]).collect();
         let of_tag = gx * w[PX] + gy * w[PY];
-        let least = of_tag * (T::ONE + T::of(LARGEST_SHRINK));
-        let inverse = T::ONE / larger(line.variance_m2 + shift.noise_m2, least);
-        let spread = larger(shift.second_m2 - square(shift.first_m), T::ZERO);
-        let scale = smaller((spread * inverse - shift.share) * inverse, inverse);
-        let step = inverse * shift.first_m;
+        let change = SoftUpdate::new(innovations, line.explained + line.residual + noise_m2, of_tag);
         for i in 0..AGENT {
-            mean[i] += w[i] * step;
+            mean[i] += w[i] * change.mean;
             for j in 0..=i {
-                c[i][j] += scale * w[i] * w[j];
+                c[i][j] += change.covariance * w[i] * w[j];
             }
         }
         mirror(c);
@@ -664,14 +640,5 @@ fn keep_heaviest<T: Real>(places: &mut Vec<Place<T>>, room: usize, place: Place<
     }
     if places[lightest].weight_ln < place.weight_ln {
         places[lightest] = place;
-    }
-}
-
-/// Symmetric by copy: the lower triangle is what was computed.
-fn mirror<T: Real>(c: &mut Matrix<T>) {
-    for i in 0..c.len() {
-        for j in 0..i {
-            c[j][i] = c[i][j];
-        }
     }
 }

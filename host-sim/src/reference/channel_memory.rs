@@ -2,38 +2,38 @@
 //!
 //! ln SINR of source k at action c is e_k - 2 ln d_k - 2 ln(f_c / f_1) - n_k - x_kc: its energy at a metre and at the first
 //! action's carrier, its distance when the anchor was heard last, Friis's loss, the level of noise where its path arrives,
-//! and what interference adds to that at the action. A frame shows the level, so n_k + x_kc; x takes 0.03 to 0.53 of what
-//! is new, the more the less the action was heard, or up to 0.6 where the noise of all sources has jumped, and n a fifth of
-//! the rest, up to 0.7 above a slow mean of its own. Other actions take their share of x, rho^4, rho the overlap of the two
-//! spectra.
+//! and what interference adds to that at the action. A frame shows the level, so n_k + x_kc; x takes a part of what is new,
+//! the more the less the action was heard, or up to 0.6 where the noise of all sources has jumped, and n a part of the rest, up
+//! to 0.7 above a slow mean of its own. Other actions take their share of x, rho^4, rho the overlap of the two spectra. Levels
+//! follow by the gain of a random walk ([`super::clock`]).
 //!
 //! What was missed is explained by a two-state chain, visible or hidden.
 
 use super::association::Measurement;
+use super::clock::{gain, probability};
 use super::controller::Library;
 use super::real::{Real, abs, exp, larger, limited, ln, smaller, square};
 use cogmint_core::model::source::Source;
 use std::fmt;
 
-const WINDOW: f32 = 40.0;
-const AGEING: f32 = 0.995;
-const ENERGY_RATE: f32 = 0.15;
-const NOISE_RATE: f32 = 0.2;
-const USUAL_FALL: f32 = 0.05;
-const USUAL_RISE: f32 = 0.01;
+/// Walks of levels: variance per second over that of one frame.
+const ENERGY_WALK_PER_S: f32 = 0.26;
+const NOISE_WALK_PER_S: f32 = 0.5;
+const USUAL_FALL_PER_S: f32 = 0.026;
+const USUAL_RISE_PER_S: f32 = 0.001;
+const EXCESS_WALK_PER_S: f32 = 0.01;
+const FORGETTING_PER_S: f32 = 0.02;
+const TURNS_PER_S: f32 = 0.1;
 const PLACE: f32 = 0.7;
-const EXCESS_RATE: f32 = 0.03;
 const EXCESS_NEWS: f32 = 0.5;
 const EXCESS_JUMP: f32 = 0.6;
-const EXCESS_AGEING: f32 = 0.995;
 const JUMP_FROM: f32 = 0.6;
 const JUMP_WIDTH: f32 = 0.4;
-const TURNING: f32 = 0.02;
 
 /// One source.
 #[derive(Clone, Debug)]
 struct Row<T> {
-    /// Paths seen, of which at most 40 count; zero until the first.
+    /// Paths seen; zero until the first.
     paths: T,
     energy_ln: T,
     /// 2 ln of its distance.
@@ -68,6 +68,8 @@ impl<T: Real> Row<T> {
 pub struct Received<T> {
     /// The action.
     pub action: usize,
+    /// Seconds since the last frame.
+    pub elapsed_s: T,
     /// What a sample at this action counts at every action.
     pub shares: Vec<T>,
     /// How far interference came or went: 0 to 1.
@@ -88,7 +90,7 @@ fn power_ln<T: Real>(power: T) -> T {
 pub struct ChannelMemory<T> {
     direct: Vec<Row<T>>,
     virtual_anchors: Vec<Row<T>>,
-    /// By anchor and action: frames heard, aged, at most 40.
+    /// By anchor and action: frames heard and not forgotten.
     heard: Vec<Vec<T>>,
     prior_ln: T,
     /// Whether actions tell of each other.
@@ -144,17 +146,18 @@ impl<T: Real> ChannelMemory<T> {
         shares
     }
 
-    /// Counts lose one part in 200; what is visible hides, and the other way round, with probability 0.02.
-    pub fn age(&mut self) {
+    /// `dt` seconds pass: frames are forgotten; what is visible hides, and the other way round.
+    pub fn predict(&mut self, dt: T) {
+        // A symmetric chain forgets its state at twice the rate of its turns.
+        let turned = T::of(0.5) * probability(2.0 * TURNS_PER_S, dt);
+        let kept = T::ONE - probability(FORGETTING_PER_S, dt);
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
             if row.is_seen() {
-                row.visibility += T::of(TURNING) * (T::ONE - T::of(2.0) * row.visibility);
+                row.visibility += turned * (T::ONE - T::of(2.0) * row.visibility);
             }
         }
-        for heard in &mut self.heard {
-            for count in heard {
-                *count *= T::of(AGEING);
-            }
+        for count in self.heard.iter_mut().flatten() {
+            *count *= kept;
         }
     }
 
@@ -178,7 +181,8 @@ impl<T: Real> ChannelMemory<T> {
     pub fn remember_noise(&mut self, source: Source, received: &Received<T>, [range_m, level]: [T; 2]) {
         let action = received.action;
         let now_ln = power_ln(level);
-        let steady = T::of(EXCESS_RATE) + T::of(EXCESS_NEWS) * self.news(source, action);
+        let dt = received.elapsed_s;
+        let steady = gain(EXCESS_WALK_PER_S, dt) + T::of(EXCESS_NEWS) * self.news(source, action);
         let rate = larger(T::of(EXCESS_JUMP) * received.jump, steady);
         let of_direct = self.direct[source.anchor()].excess_ln.clone();
         let row = self.row_mut(source);
@@ -192,15 +196,16 @@ impl<T: Real> ChannelMemory<T> {
         let change = now_ln - (before_ln + row.excess_ln[action]);
         // The place takes a part, up to 0.7 nat above the usual; the rest is interference.
         let rest = (T::ONE - rate) * change;
-        let mut noise_ln = before_ln + T::of(NOISE_RATE) * (T::ONE - received.jump) * rest;
+        let mut noise_ln = before_ln + gain(NOISE_WALK_PER_S, dt) * (T::ONE - received.jump) * rest;
         let above = larger(noise_ln - (row.usual_ln + T::of(PLACE)), T::ZERO);
         let entered = rate * change + above;
         noise_ln -= above;
+        let kept = T::ONE - probability(FORGETTING_PER_S, dt);
         for c in 0..row.excess_ln.len() {
-            row.excess_ln[c] = T::of(EXCESS_AGEING) * row.excess_ln[c] + received.shares[c] * entered;
+            row.excess_ln[c] = kept * row.excess_ln[c] + received.shares[c] * entered;
         }
-        let usual = if noise_ln < row.usual_ln { USUAL_FALL } else { USUAL_RISE };
-        row.usual_ln += T::of(usual) * (noise_ln - row.usual_ln);
+        let walk_per_s = if noise_ln < row.usual_ln { USUAL_FALL_PER_S } else { USUAL_RISE_PER_S };
+        row.usual_ln += gain(walk_per_s, dt) * (noise_ln - row.usual_ln);
         row.noise_ln = Some(noise_ln);
     }
 
@@ -218,10 +223,11 @@ impl<T: Real> ChannelMemory<T> {
     pub fn remember(&mut self, source: Source, received: &Received<T>, path: &Measurement<T>, weight: T) {
         let now_ln = self.standard_ln(received.action, path);
         let familiar = T::ONE - self.news(source, received.action);
+        let familiar = gain(ENERGY_WALK_PER_S, received.elapsed_s) * familiar * weight;
         let row = self.row_mut(source);
         let by_count = weight / (row.paths + weight + T::of(1e-6));
-        row.energy_ln += larger(T::of(ENERGY_RATE) * familiar * weight, by_count) * (now_ln - row.energy_ln);
-        row.paths = row.paths * (T::ONE - weight * (T::ONE / T::of(WINDOW))) + weight;
+        row.energy_ln += larger(familiar, by_count) * (now_ln - row.energy_ln);
+        row.paths += weight;
     }
 
     /// Enters that `source` was missed with probability `missed`; visible, it would have been found with probability `found`.
@@ -239,13 +245,13 @@ impl<T: Real> ChannelMemory<T> {
     /// Counts a frame of an anchor.
     pub fn remember_frame(&mut self, anchor: usize, received: &Received<T>) {
         for (count, share) in self.heard[anchor].iter_mut().zip(&received.shares) {
-            *count = *count * (T::ONE - *share * (T::ONE / T::of(WINDOW))) + *share;
+            *count += *share;
         }
     }
 
-    /// 2 ln(f / f_1) of an action.
-    pub fn loss_ln(&self, action: usize) -> T {
-        self.loss_ln[action]
+    /// 2 ln(f / f_1) of every action.
+    pub fn losses_ln(&self) -> &[T] {
+        &self.loss_ln
     }
 
     /// Forgets a virtual anchor.

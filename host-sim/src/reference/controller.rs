@@ -8,11 +8,13 @@
 use super::Matrix;
 use super::association::missed_odds;
 use super::channel_memory::ChannelMemory;
+use super::clock::probability;
 use super::information::{PositionInformation, determinant, position_entropy_nat, range_slope};
+use super::motion::{AGENT, Agent, MotionStep};
 use super::pulse::Pulse;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square};
-use super::state_filter::predict_agent;
 use cogmint_core::config::{ControllerSettings, Radio};
+use cogmint_core::controller::policy::LEAST_TURN_CYCLES;
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::controller::value::Learning;
 use cogmint_core::model::source::Source;
@@ -234,8 +236,8 @@ pub struct Outlook<T> {
     pub covariance: Matrix<T>,
     /// Length of a cycle, seconds.
     pub elapsed_s: T,
-    /// Standard deviation of the acceleration, m/s^2.
-    pub acceleration_std_m_s2: T,
+    /// The motion in a cycle.
+    pub step: MotionStep<T>,
     /// Factor on range variances.
     pub variance_inflation: T,
     /// Least standard deviation of a range, metres.
@@ -274,28 +276,26 @@ pub struct Prospect<'a, T> {
 impl<T: Real> Prospect<'_, T> {
     /// What holding one action over the horizon would earn: the discounted mean of its rewards.
     ///
-    /// At step l the tag is expected at p + l dt v; every visible source adds the information of one range, of the
-    /// variance that its remembered SINR allows plus its own uncertainty along the line of sight.
+    /// At step l the tag is expected where the motion carries it; every visible source adds the information of one range, of
+    /// the variance that its remembered SINR allows plus its own uncertainty along the line of sight.
     fn plan_one(&self, action: usize, horizon: &Horizon) -> T {
         let outlook = self.outlook;
         let mut covariance = outlook.covariance.clone();
         let mut total = T::ZERO;
         let mut weight = T::ONE;
         let mut weights = T::ZERO;
-        for step in 1..=horizon.steps {
-            let ahead_s = T::of_count(step) * outlook.elapsed_s;
-            let place_m = [0, 1].map(|i| outlook.position_m[i] + ahead_s * outlook.velocity_m_s[i]);
+        for ahead in 1..=horizon.steps {
             let mut information = PositionInformation::none();
             for (source, theirs) in &self.others {
-                self.tell(&mut information, source, *theirs, place_m);
+                self.tell(&mut information, source, *theirs, ahead);
             }
             for source in &self.own {
-                self.tell(&mut information, source, action, place_m);
+                self.tell(&mut information, source, action, ahead);
             }
-            let predicted =
-                predict_agent(&covariance, outlook.elapsed_s, outlook.acceleration_std_m_s2, T::ONE);
+            let agent = Agent { mean: vec![T::ZERO; AGENT], covariance };
+            let predicted = outlook.step.predicted(&agent).covariance;
             let posterior = information.posterior(&predicted);
-            total += weight * reward(horizon.reward, &covariance, &predicted, &posterior);
+            total += weight * reward(horizon.reward, &agent.covariance, &predicted, &posterior);
             weights += weight;
             weight *= T::of(horizon.discount);
             covariance = posterior;
@@ -303,19 +303,28 @@ impl<T: Real> Prospect<'_, T> {
         total / larger(weights, T::of(1e-6))
     }
 
-    /// Adds what a source tells with an action, seen from `place_m`.
+    /// Adds what a source tells with an action, so many steps ahead.
     fn tell(
         &self,
         information: &mut PositionInformation<T>,
         source: &Visible<T>,
         action: usize,
-        [x, y]: [T; 2],
+        ahead: usize,
     ) {
         let (outlook, memory) = (self.outlook, self.memory);
         let pulse = self.library.pulse(action, &outlook.radio);
         // Order: the variance at SINR 1, inflated, divided by the SINR.
         let unit = outlook.variance_inflation * pulse.range_variance_m2(T::ONE);
-        let slope = range_slope([x - source.position_m[0], y - source.position_m[1]], source.height_m);
+        // Order: relative to the source, step by step.
+        let [mut d, mut v] = [outlook.position_m, outlook.velocity_m_s];
+        for axis in 0..2 {
+            d[axis] = d[axis] - source.position_m[axis];
+            for _ in 0..ahead {
+                d[axis] += outlook.step.drift_s * v[axis];
+                v[axis] *= outlook.step.decay;
+            }
+        }
+        let slope = range_slope(d, source.height_m);
         let [ux, uy] = slope;
         let c = &source.covariance_m2;
         let map = square(ux) * c[0][0] + T::of(2.0) * (ux * uy) * c[1][0] + square(uy) * c[1][1];
@@ -338,6 +347,8 @@ pub struct Outcome<T> {
     pub earned: Option<T>,
     /// Whether anything was received.
     pub heard: bool,
+    /// How long it was, seconds.
+    pub elapsed_s: T,
     /// Whether the tag is looked for.
     pub lost: bool,
     /// Whether one of several anchors has to be met at the rendezvous.
@@ -362,6 +373,8 @@ pub struct Controller<T> {
     pub planned_reward: Option<T>,
     /// Cycles of the present turn of a search that count.
     pub turn_cycles: u32,
+    /// Their seconds.
+    pub turn_s: T,
     /// The action it is looked for with in place of the one held.
     pub sought_with: Option<usize>,
     /// The present action.
@@ -388,6 +401,7 @@ impl<T: Real> Controller<T> {
             chosen: first,
             planned_reward: None,
             turn_cycles: 0,
+            turn_s: T::ZERO,
             sought_with: None,
             action: first,
             announced: first,
@@ -454,17 +468,19 @@ impl<T: Real> Controller<T> {
         for &c in &self.allowed {
             self.values[c] -= standard;
         }
-        let tries = uniform::<T>(&mut rng) <= T::of(settings.choice.exploration_per_s);
+        let exploration = probability(settings.choice.exploration_per_s, outcome.elapsed_s);
+        let tries = uniform::<T>(&mut rng) <= exploration;
         let tried = if tries { draw(&self.policy, &self.allowed, &mut rng) } else { None };
         if !outcome.lost {
-            self.turn_cycles = 0;
+            (self.turn_cycles, self.turn_s) = (0, T::ZERO);
         }
-        let patience = settings.choice.patience_s as u32;
+        let patience_s = T::of(settings.choice.patience_s);
         let counts = outcome.heard || self.sought_with.is_some();
-        if outcome.lost && counts && patience > 0 {
+        if outcome.lost && counts && patience_s > T::ZERO {
             self.turn_cycles += 1;
-            if self.turn_cycles >= patience {
-                self.turn_cycles = 0;
+            self.turn_s += outcome.elapsed_s;
+            if self.turn_cycles >= LEAST_TURN_CYCLES && self.turn_s >= patience_s {
+                (self.turn_cycles, self.turn_s) = (0, T::ZERO);
                 // By turns the one held and another.
                 self.sought_with = if self.sought_with.is_some() {
                     None

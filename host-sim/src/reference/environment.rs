@@ -1,22 +1,19 @@
 //! Environment memory: the virtual anchors believed to exist.
 //!
-//! Existence r follows r <- P_s r between scans and the association's posterior after each. A virtual anchor counts
-//! above 1/2, and is forgotten below 1/1000 or after 200 scans without the path that was expected. While it is hidden (hardly
-//! any detection probability) its existence stays.
+//! Existence r follows r <- exp(-rate dt) r with time and the association's posterior after each scan. A virtual anchor counts
+//! above 1/2, and is forgotten below 1/1000. While it is hidden its existence stays; one that was never seen loses it slowly.
 
+use super::clock::probability;
 use super::real::{Real, smaller};
+use cogmint_core::model::source::Source;
+use cogmint_core::perceptor::expectation::Sighting;
 
 /// Existence above which a virtual anchor counts.
 pub const CONFIRMED: f32 = 0.5;
 /// Existence below which it is forgotten.
 const FORGOTTEN: f32 = 1e-3;
-/// Misses after which it is forgotten.
-const MISSES: u16 = 200;
-/// Detection probability up to which it is hidden, and above which a path is expected.
-const HIDDEN: f32 = 0.1;
-const EXPECTED: f32 = 0.5;
-/// What a further miss counts for one that is hidden and was never seen.
-const REPEATED_LOOK: f32 = 0.2;
+/// Independent looks per second at what hides one that was never seen.
+const LOOKS_PER_S: f32 = 2.0;
 /// No virtual anchor is more certain than this.
 const MOST_CERTAIN: f32 = 0.999;
 
@@ -27,8 +24,8 @@ pub struct Record<T> {
     pub anchor: usize,
     /// Probability that it exists.
     pub existence: T,
-    /// Scans without the path that was expected, since the last with one.
-    pub misses: u16,
+    /// Whether its path could be seen in the last scan.
+    pub sighting: Sighting,
     /// Scans with a path.
     pub hits: u32,
 }
@@ -57,6 +54,33 @@ impl<T: Real> EnvironmentMemory<T> {
         list
     }
 
+    /// The sources of an anchor: its direct path, then its virtual anchors by slot.
+    pub fn sources_of(&self, anchor: usize) -> Vec<Source> {
+        let mut sources = vec![Source::Direct { anchor }];
+        for (slot, record) in self.in_use() {
+            if record.anchor == anchor {
+                sources.push(Source::Virtual { anchor, slot });
+            }
+        }
+        sources
+    }
+
+    /// Whether a source is a virtual anchor that is on the map but was never seen.
+    pub fn is_unseen(&self, source: Source) -> bool {
+        match source {
+            Source::Direct { .. } => false,
+            Source::Virtual { slot, .. } => self.records[slot].is_some_and(|record| record.hits == 0),
+        }
+    }
+
+    /// Probability that a source exists.
+    pub fn existence(&self, source: Source) -> T {
+        match source {
+            Source::Direct { .. } => T::ONE,
+            Source::Virtual { slot, .. } => self.records[slot].map_or(T::ZERO, |record| record.existence),
+        }
+    }
+
     /// The first free slot.
     pub fn free_slot(&self) -> Option<usize> {
         self.records.iter().position(Option::is_none)
@@ -65,32 +89,36 @@ impl<T: Real> EnvironmentMemory<T> {
     /// Fills a free slot; `hits` scans have shown the virtual anchor so far.
     pub fn insert(&mut self, slot: usize, anchor: usize, existence: T, hits: u32) {
         let existence = smaller(existence, T::of(MOST_CERTAIN));
-        self.records[slot] = Some(Record { anchor, existence, misses: 0, hits });
+        self.records[slot] = Some(Record { anchor, existence, sighting: Sighting::Open, hits });
     }
 
-    /// P_s r, or r of a hidden one.
-    pub fn expected_existence(record: &Record<T>, survival: T, detection: T) -> T {
-        let survival = if detection <= T::of(HIDDEN) { T::ONE } else { survival };
-        smaller(record.existence * survival, T::of(MOST_CERTAIN))
+    /// `dt` seconds pass: what is not hidden may have come or gone, at the same rate. After a time dt, a two-state chain is in
+    /// the other state with probability (1 - exp(-2 rate dt)) / 2.
+    pub fn predict(&mut self, change_per_s: f32, dt: T) {
+        let other = T::of(0.5) * probability(2.0 * change_per_s, dt);
+        for record in self.records.iter_mut().flatten() {
+            if record.sighting == Sighting::Open {
+                // Order: the doubled probability first.
+                record.existence += other * (T::ONE - T::of(2.0) * record.existence);
+            }
+        }
     }
 
-    /// Enters the outcome of a scan in which a path had the probability `detection`.
-    pub fn remember(&mut self, slot: usize, existence: T, seen: bool, detection: T) {
+    /// Enters the outcome of a scan, `dt` seconds after the last.
+    pub fn remember(&mut self, slot: usize, existence: T, seen: bool, sighting: Sighting, dt: T) {
         if let Some(record) = &mut self.records[slot] {
             let drop = record.existence - existence;
             let mut next = existence;
-            if detection <= T::of(HIDDEN) && drop > T::ZERO {
+            if sighting == Sighting::Hidden && drop > T::ZERO {
                 next = record.existence;
                 if record.hits == 0 {
-                    next -= T::of(REPEATED_LOOK) * drop;
+                    next -= probability(LOOKS_PER_S, dt) * drop;
                 }
             }
             record.existence = smaller(next, T::of(MOST_CERTAIN));
+            record.sighting = sighting;
             if seen {
-                record.misses = 0;
                 record.hits = record.hits.saturating_add(1);
-            } else if detection > T::of(EXPECTED) {
-                record.misses = record.misses.saturating_add(1);
             }
         }
     }
@@ -114,7 +142,7 @@ impl<T: Real> EnvironmentMemory<T> {
     pub fn forget(&mut self) -> Vec<usize> {
         let mut forgotten = Vec::new();
         for (slot, record) in self.in_use() {
-            if record.existence < T::of(FORGOTTEN) || record.misses > MISSES {
+            if record.existence < T::of(FORGOTTEN) {
                 self.records[slot] = None;
                 forgotten.push(slot);
             }

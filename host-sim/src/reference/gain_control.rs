@@ -3,19 +3,20 @@
 //! Its white noise; or, where an interferer raised that, what it would be without. S, the sum of all powers above 8 times the
 //! white noise, over that noise, is compared with the mean m of ln S: x = m - ln S. A rise has prior odds of 1 to 49, and
 //! x then an even density of 1/10; without one x is normal with a deviation of 0.4. Twice x, at most 10, times the
-//! probability of a rise, is left out of the unit. m follows ln S by a tenth, but no further than a tenth of a nat, and by
-//! 0.1 of that where x or -x makes a change likely.
+//! probability of a rise, is left out of the unit. m follows ln S by the gain of a random walk ([`super::clock`]), within
+//! a nat, and by 0.1 of that where x or -x makes a change likely.
 //!
 //! Where a lost tag is sought with another action than the one held, ln S waits. Once it is found so, x is taken of the last
 //! such frame: where x or -x makes a change likelier than not, m becomes that ln S, and where -x does, the units before were
 //! too large by -x.
 
+use super::clock::gain;
 use super::real::{Real, exp, larger, limited, ln, square};
 use cogmint_core::model::observation::Samples;
 use cogmint_core::perceptor::gain_control::{DEVIATION_LN, MOST_LN, ODDS, STANDS_OUT};
 use std::fmt;
 
-const RATE: f32 = 0.1;
+const WALK_PER_S: f32 = 0.11;
 const CHANGED_SHARE: f32 = 0.1;
 
 /// One anchor's frames.
@@ -35,8 +36,16 @@ impl<T> Default for GainControl<T> {
 
 impl<T: Real> GainControl<T> {
     /// The unit of a frame with this level of white noise, received with an action that loses `loss_ln` more than the first;
-    /// `sought`: a lost tag is sought with it.
-    pub fn unit(&mut self, samples: Samples<'_>, white: T, action: usize, loss_ln: T, sought: bool) -> T {
+    /// `dt` seconds after the last; `sought`: a lost tag is sought with it.
+    pub fn unit(
+        &mut self,
+        samples: Samples<'_>,
+        white: T,
+        dt: T,
+        action: usize,
+        loss_ln: T,
+        sought: bool,
+    ) -> T {
         let num = T::of;
         let white = limited(white, num(1e-30), num(1e30));
         let least = num(STANDS_OUT) * white;
@@ -62,7 +71,7 @@ impl<T: Real> GainControl<T> {
         let x = limited(mean_ln - now_ln, num(-50.0), num(50.0));
         let risen = likely(x);
         // Order: the rate times 1 - 0.9 p.
-        let rate = num(RATE) * (T::ONE - num(1.0 - CHANGED_SHARE) * larger(likely(-x), risen));
+        let rate = gain(WALK_PER_S, dt) * (T::ONE - num(1.0 - CHANGED_SHARE) * larger(likely(-x), risen));
         self.mean_ln = Some(mean_ln - rate * limited(x, num(-1.0), num(1.0)));
         white * exp(-risen * limited(num(2.0) * x, T::ZERO, num(MOST_LN)))
     }

@@ -4,8 +4,8 @@
 //! the unit vector u adds u u' / s.
 
 use super::Matrix;
+use super::motion::{AGENT, PX, PY};
 use super::real::{Real, abs, larger, ln, sqrt, square};
-use super::state_filter::{AGENT, PX, PY};
 
 /// ln(2 pi e).
 const LN_TAU_E: f32 = 2.837_877;

@@ -1,13 +1,13 @@
 //! Manoeuvres: whether the tag moves as the motion prior has it.
 //!
-//! Where less than 0.7 of the direct paths that are likely seen lie within two deviations of a measurement, the motion as configured
-//! competes with one of ten times the acceleration: the evidence for the place it predicts must be larger by 4 nats.
+//! Where less than 0.7 of the direct paths that are likely seen lie within two deviations of a measurement, the motion as
+//! configured competes with one in which the velocity was drawn anew once: the evidence for the place it predicts must be larger
+//! by the odds ln((1 - p) / p), p the probability of a turn in that time.
 
-use super::real::Real;
+use super::clock::probability;
+use super::real::{Real, larger, ln};
 
-/// A manoeuvre's acceleration over the configured one.
-pub const ACCELERATION_FACTOR: f32 = 10.0;
-const COST_NAT: f32 = 4.0;
+const TURNS_PER_S: f32 = 0.2;
 const LIKELY: f32 = 0.5;
 const NEAR: f32 = 4.0;
 const ENOUGH: f32 = 0.7;
@@ -27,7 +27,8 @@ pub fn is_doubtful<T: Real>(paths: &[(T, Option<T>)]) -> bool {
     near < T::of(ENOUGH) * expected
 }
 
-/// Whether the manoeuvre wins.
-pub fn is_manoeuvre<T: Real>(motion_nat: T, manoeuvre_nat: T) -> bool {
-    manoeuvre_nat - motion_nat > T::of(COST_NAT)
+/// Whether the manoeuvre wins, after `dt` seconds.
+pub fn is_manoeuvre<T: Real>(motion_nat: T, manoeuvre_nat: T, dt: T) -> bool {
+    let turned = probability(TURNS_PER_S, dt);
+    manoeuvre_nat - motion_nat > ln((T::ONE - turned) / larger(turned, T::of(1e-9)))
 }

@@ -7,16 +7,15 @@
 //! | file | stage |
 //! | --- | --- |
 //! | [`real`] | the number type: `f32` or `f64` |
-//! | [`pulse`], [`channel_estimator`] | frame to paths |
-//! | [`gain_control`] | what a frame's powers are measured in |
-//! | [`acquisition`] | where the tag is, at first |
-//! | [`overlap`], [`association`] | paths to features |
-//! | [`manoeuvre`] | whether the tag moves as expected |
+//! | [`range`], [`motion`], [`clock`], [`soft_update`] | what every estimate of the tag, and every memory, uses |
+//! | [`pulse`], [`channel_estimator`], [`gain_control`], [`receiver`] | frames to paths, paths to scans |
+//! | [`belief`], [`acquisition`], [`loss`], [`manoeuvre`] | whether it is known where the tag is, and where it may be |
+//! | [`known`], [`overlap`] | what a scan is expected to show |
+//! | [`association`] | paths to features |
 //! | [`state_filter`] | tag and virtual anchors |
-//! | [`environment`], [`channel_memory`] | what is remembered |
-//! | [`discovery`] | virtual anchors no plan told of |
-//! | [`loss`] | whether the tag is where it is believed to be |
-//! | [`information`], [`controller`] | what a measurement tells, and what to do next |
+//! | [`remember`], [`environment`], [`channel_memory`], [`clutter`] | what is remembered |
+//! | [`map`], [`discovery`] | virtual anchors no plan told of, and those that are none |
+//! | [`information`], [`controller`], [`controllers`] | what a measurement tells, and what to do next |
 //! | [`cycle`] | all of it, in order |
 //!
 //! It shares data types with the core (configuration, observations, actions), but none of its algorithms. Run in
@@ -31,19 +30,30 @@
 
 pub mod acquisition;
 pub mod association;
+pub mod belief;
 pub mod channel_estimator;
 pub mod channel_memory;
+pub mod clock;
+pub mod clutter;
 pub mod controller;
+pub mod controllers;
 pub mod cycle;
 pub mod discovery;
 pub mod environment;
 pub mod gain_control;
 pub mod information;
+pub mod known;
 pub mod loss;
 pub mod manoeuvre;
+pub mod map;
+pub mod motion;
 pub mod overlap;
 pub mod pulse;
+pub mod range;
 pub mod real;
+pub mod receiver;
+pub mod remember;
+pub mod soft_update;
 pub mod state_filter;
 
 pub use cycle::{Capacity, Reference};

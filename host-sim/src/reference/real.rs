@@ -41,6 +41,8 @@ pub trait Real:
     fn square_root(self) -> Self;
     /// See [`exp`].
     fn exponential(self) -> Self;
+    /// See [`exp_m1`].
+    fn exponential_less_one(self) -> Self;
     /// See [`ln`].
     fn logarithm(self) -> Self;
     /// See [`sin`].
@@ -54,7 +56,7 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($type:ty, $sqrt:ident, $exp:ident, $ln:ident, $sin:ident, $cos:ident, $floor:ident, $abs:ident) => {
+    ($type:ty, $sqrt:ident, $exp:ident, $expm1:ident, $ln:ident, $sin:ident, $cos:ident, $floor:ident, $abs:ident) => {
         impl Real for $type {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -77,6 +79,9 @@ macro_rules! real {
             fn exponential(self) -> Self {
                 libm::$exp(self)
             }
+            fn exponential_less_one(self) -> Self {
+                libm::$expm1(self)
+            }
             fn logarithm(self) -> Self {
                 libm::$ln(self)
             }
@@ -96,8 +101,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, sqrtf, expf, logf, sinf, cosf, floorf, fabsf);
-real!(f64, sqrt, exp, log, sin, cos, floor, fabs);
+real!(f32, sqrtf, expf, expm1f, logf, sinf, cosf, floorf, fabsf);
+real!(f64, sqrt, exp, expm1, log, sin, cos, floor, fabs);
 
 /// Square root.
 pub fn sqrt<T: Real>(x: T) -> T {
@@ -107,6 +112,11 @@ pub fn sqrt<T: Real>(x: T) -> T {
 /// Natural exponential.
 pub fn exp<T: Real>(x: T) -> T {
     x.exponential()
+}
+
+/// Natural exponential less 1.
+pub fn exp_m1<T: Real>(x: T) -> T {
+    x.exponential_less_one()
 }
 
 /// Natural logarithm.

@@ -4,90 +4,32 @@
 //! A slot without a virtual anchor keeps zeros and is left out of every loop; so are the biases when they are not
 //! estimated.
 //!
-//! Prediction: x <- F x, C <- F C F' + Q.
+//! Prediction: x <- F x, C <- F C F' + Q ([`super::motion`]), and a random walk of the virtual anchors.
 //!
 //! Measurement: z = |d| + b with d = p - a, linearised over the spread of d (five sigma points) to z = mean + h' (x -
-//! E x) + residual, where h has the slope g at p, -g at a, and 1 at b. With w = C h:
-//!
-//! x <- x + w nu / S, C <- C + (spread / S^2 - beta / S) w w', S = h' w + noise,
-//!
-//! where beta is the probability that the feature was seen at all, nu the mean innovation and spread the variance of
-//! the candidates around it (a hard association has beta = 1 and no spread: the Kalman filter).
+//! E x) + residual, where h has the slope g at p, -g at a, and 1 at b. With w = C h, the update is the soft one along w ([`super::soft_update`]), with S = h' w + residual + measurement variance.
 
-use super::Matrix;
-use super::real::{Real, larger, smaller, sqrt, square};
-use super::zeros;
+use super::motion::{AGENT, Agent, MotionStep, PX, PY, ProcessNoise, VX, VY};
+use super::range::{Regression, SMALLEST_SPREAD_M2, Sight, regress_distance};
+use super::real::{Real, larger, sqrt, square};
+use super::soft_update::{Moments, SoftUpdate};
+use super::{Matrix, zeros};
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use std::fmt;
 
-/// Indices of the tag's states.
-pub const PX: usize = 0;
-/// See [`PX`].
-pub const PY: usize = 1;
-/// See [`PX`].
-pub const VX: usize = 2;
-/// See [`PX`].
-pub const VY: usize = 3;
-/// Number of the tag's states.
-pub const AGENT: usize = 4;
-
-/// Most that one update may shrink a variance.
-const LARGEST_SHRINK: f32 = 1.0 / 1024.0;
-/// Growth of every variance per prediction, to cover rounding.
+/// Growth of every variance before the updates of a cycle, to cover their rounding.
 const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
 /// Largest variance of a velocity and of a virtual anchor's coordinate.
 const VELOCITY_LIMIT: f32 = 1e6;
 const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
-/// Least variance that sigma points are spread by, square metres.
-const SMALLEST_SPREAD_M2: f32 = 1e-12;
-/// Spread of the sigma points, standard deviations: the square root of 3.
-pub(super) const ROOT_3: f32 = 1.732_050_8;
-
-/// Where an anchor is seen from.
-#[derive(Clone, Copy, Debug)]
-pub struct Sight<T> {
-    /// Position of the anchor, metres.
-    pub anchor_m: [T; 2],
-    /// Its height above the tag, metres.
-    pub height_m: T,
-    /// Standard deviation of that height, metres.
-    pub height_std_m: T,
-}
-
-/// The line that a range follows around the predicted state.
-#[derive(Clone, Copy, Debug)]
-pub struct Regression<T> {
-    /// The feature.
-    pub source: Source,
-    /// Expected range, metres.
-    pub range_m: T,
-    /// Slope g over d = p - a.
-    pub slope: [T; 2],
-    /// Variance around the line, square metres.
-    pub residual_m2: T,
-    /// Variance along it, square metres.
-    pub explained_m2: T,
-}
-
-impl<T: Real> Regression<T> {
-    /// Variance of the expected range.
-    pub fn variance_m2(&self) -> T {
-        self.explained_m2 + self.residual_m2
-    }
-}
-
 /// What the measurements of one feature amount to.
 #[derive(Clone, Copy, Debug)]
 pub struct Innovation<T> {
     /// The feature and its line.
     pub regression: Regression<T>,
-    /// Sum of the association probabilities.
-    pub weight: T,
-    /// Their sum times the innovations, metres.
-    pub first_m: T,
-    /// Their sum times the squared innovations, square metres.
-    pub second_m2: T,
+    /// Its innovations.
+    pub moments: Moments<T>,
     /// Measurement variance, square metres.
     pub variance_m2: T,
 }
@@ -104,15 +46,6 @@ pub struct StateFilter<T> {
     motion: Motion,
 }
 
-/// The tag alone: its four states and their covariance.
-#[derive(Clone, Debug)]
-pub struct Agent<T> {
-    /// Means.
-    pub mean: Vec<T>,
-    /// Covariance.
-    pub covariance: Matrix<T>,
-}
-
 /// The prior of the tag and the biases, in the terms of the configuration.
 #[derive(Clone, Copy, Debug)]
 pub struct Prior {
@@ -126,38 +59,6 @@ pub struct Prior {
     pub bias_mean_m: f32,
     /// Its standard deviation, metres; 0 switches the biases off.
     pub bias_std_m: f32,
-}
-
-/// F C F' + Q of the tag for a near-constant velocity over `dt`; `growth` multiplies the variances before Q is added.
-///
-/// With p, v the blocks: C_pp + dt (C_pv + C_vp) + dt^2 C_vv, C_vp + dt C_vv, C_vv; Q from a white acceleration.
-pub fn predict_agent<T: Real>(c: &Matrix<T>, dt: T, acceleration_std_m_s2: T, growth: T) -> Matrix<T> {
-    let num = T::of;
-    // Order: each is formed from the one before.
-    let velocity_noise = square(acceleration_std_m_s2) * square(dt);
-    let both_noise = velocity_noise * (num(0.5) * dt);
-    let position_noise = both_noise * (num(0.5) * dt);
-    let mut next = c.clone();
-    for a in 0..2 {
-        for b in 0..2 {
-            let (va, vb) = (a + 2, b + 2);
-            next[a][b] = c[a][b] + dt * (c[a][vb] + c[va][b]) + dt * dt * c[va][vb];
-            next[va][b] = c[va][b] + dt * c[va][vb];
-        }
-    }
-    for a in 0..2 {
-        let va = a + 2;
-        next[a][a] = next[a][a] * growth + position_noise;
-        next[va][a] += both_noise;
-        next[va][va] = next[va][va] * growth + velocity_noise;
-    }
-    // Symmetric by copy: the lower triangle is what was computed.
-    for row in 0..AGENT {
-        for column in row + 1..AGENT {
-            next[row][column] = next[column][row];
-        }
-    }
-    next
 }
 
 impl<T: Real> StateFilter<T> {
@@ -322,53 +223,43 @@ impl<T: Real> StateFilter<T> {
         }
     }
 
-    /// Moves the state `dt` seconds ahead.
+    /// Moves the state a step of `dt` seconds ahead.
     pub fn predict(&mut self, dt: T) {
-        let growth = T::ONE + T::of(ROUNDING_MARGIN);
-        for axis in 0..2 {
-            self.mean[axis] = self.mean[axis] + dt * self.mean[2 + axis];
-        }
-        let acceleration = T::of(self.motion.acceleration_density_m2_s3);
-        let agent = predict_agent(&self.agent_covariance(), dt, acceleration, growth);
-        let walk = square(T::of(self.motion.virtual_anchor_walk_m_sqrt_s));
+        let step = MotionStep::new(&self.motion, dt);
+        let agent = step.predicted(&self.agent());
+        let walk = square(T::of(self.motion.virtual_anchor_walk_m_sqrt_s)) * dt;
         for i in self.active() {
             if i < AGENT {
-                self.covariance[i][..AGENT].copy_from_slice(&agent[i]);
+                self.mean[i] = agent.mean[i];
+                self.covariance[i][..AGENT].copy_from_slice(&agent.covariance[i]);
                 continue;
             }
-            // C_p* <- C_p* + dt C_v*.
-            for axis in 0..2 {
-                let moved = self.covariance[axis][i] + dt * self.covariance[2 + axis][i];
-                self.set_symmetric(axis, i, moved);
+            // C_x* <- F C_x*.
+            for (p, v) in [(PX, VX), (PY, VY)] {
+                let moved = self.covariance[p][i] + step.drift_s * self.covariance[v][i];
+                let slowed = self.covariance[v][i] * step.decay;
+                self.set_symmetric(p, i, moved);
+                self.set_symmetric(v, i, slowed);
             }
             // A virtual anchor without variance is known exactly and does not walk.
-            let exact = self.covariance[i][i] == T::ZERO;
-            self.covariance[i][i] *= growth;
-            if !self.is_bias(i) && !exact {
+            if !self.is_bias(i) && self.covariance[i][i] > T::ZERO {
                 self.covariance[i][i] += walk;
             }
         }
         self.limit();
     }
 
-    /// After a prediction over `dt`: a further random acceleration over the same time.
-    pub fn disturb(&mut self, acceleration_std_m_s2: T, dt: T) {
-        // Order: each is formed from the one before.
-        let velocity_noise = square(acceleration_std_m_s2) * square(dt);
-        let both_noise = velocity_noise * (T::of(0.5) * dt);
-        let position_noise = both_noise * (T::of(0.5) * dt);
-        for axis in 0..2 {
-            self.covariance[axis][axis] += position_noise;
-            let both = self.covariance[2 + axis][axis] + both_noise;
-            self.set_symmetric(2 + axis, axis, both);
-            self.covariance[2 + axis][2 + axis] += velocity_noise;
-        }
+    /// After a prediction: further noise over the same step.
+    pub fn disturb(&mut self, noise: &ProcessNoise<T>) {
+        let mut covariance = self.agent_covariance();
+        noise.add_to(&mut covariance);
+        self.set_agent_covariance(&covariance);
     }
 
-    /// Puts the covariance of position and velocity back to `predicted`.
-    pub fn undisturb(&mut self, predicted: &Matrix<T>) {
+    /// Changes the covariance of position and velocity.
+    pub fn set_agent_covariance(&mut self, covariance: &Matrix<T>) {
         for i in 0..AGENT {
-            self.covariance[i][..AGENT].copy_from_slice(&predicted[i]);
+            self.covariance[i][..AGENT].copy_from_slice(&covariance[i]);
         }
     }
 
@@ -426,17 +317,30 @@ impl<T: Real> StateFilter<T> {
                 bias_cross = [bias_cross[0] - c[ax][b], bias_cross[1] - c[ay][b]];
             }
         }
-        let (range_m, slope, residual_m2, mut explained_m2) =
-            regress_distance(distance, spread, [sight.height_m, sight.height_std_m]);
+        let line = regress_distance(distance, spread, sight.height_m);
+        let mut explained_m2 = line.explained;
         if self.estimate_bias {
-            let cross = slope[0] * bias_cross[0] + slope[1] * bias_cross[1];
+            let cross = line.slope[0] * bias_cross[0] + line.slope[1] * bias_cross[1];
             explained_m2 = larger(explained_m2 + num(2.0) * cross + c[b][b], num(SMALLEST_SPREAD_M2));
         }
-        Regression { source, range_m: range_m + self.mean[b], slope, residual_m2, explained_m2 }
+        Regression {
+            source,
+            range_m: line.mean + self.mean[b],
+            slope: line.slope,
+            residual_m2: line.residual,
+            explained_m2,
+        }
     }
 
     /// Applies the innovations of a cycle in the order given. All lines were taken at the state as it is now.
     pub fn update(&mut self, innovations: &[Innovation<T>]) {
+        if innovations.is_empty() {
+            return;
+        }
+        // Every variance grows by what rounding may take.
+        for i in self.active() {
+            self.covariance[i][i] *= T::ONE + T::of(ROUNDING_MARGIN);
+        }
         let prior = self.mean.clone();
         for innovation in innovations {
             self.apply(innovation, &prior);
@@ -444,38 +348,32 @@ impl<T: Real> StateFilter<T> {
     }
 
     fn apply(&mut self, innovation: &Innovation<T>, prior: &[T]) {
-        let num = T::of;
-        let Innovation { regression, weight, first_m, second_m2, variance_m2 } = innovation;
+        let Innovation { regression, moments, variance_m2 } = innovation;
         let active = self.active();
         let mut w = vec![T::ZERO; self.mean.len()];
         for &i in &active {
             w[i] = self.covariance_with(regression, i);
         }
         let explained = larger(self.form(regression, &w), T::ZERO);
-        // The line was taken at the prior; since then the state has moved by `shift` along it.
+        // The line was taken at the prior; since then the state has moved along it.
         let moved: Vec<T> = (0..w.len()).map(|i| self.mean[i] - prior[i]).collect();
-        let shift = self.shift(regression, &moved);
-
-        let noise = larger(*variance_m2 + regression.residual_m2, explained * num(LARGEST_SHRINK));
-        let inverse = T::ONE / (explained + noise);
-        let first = *first_m - *weight * shift;
-        let second = *second_m2 - num(2.0) * (shift * *first_m) + *weight * square(shift);
-        let spread = larger(second - square(first), T::ZERO);
-        let scale = smaller((spread * inverse - *weight) * inverse, inverse);
-        let gain = first * inverse;
+        let moments = moments.shifted(self.shift(regression, &moved));
+        // Order: what the state does not explain first.
+        let variance = explained + (*variance_m2 + regression.residual_m2);
+        let change = SoftUpdate::new(&moments, variance, explained);
 
         for &i in &active {
-            self.mean[i] += w[i] * gain;
+            self.mean[i] += w[i] * change.mean;
         }
         for &i in &active {
             for &j in active.iter().filter(|&&j| j <= i) {
-                // Order: (scale w_i) w_j with i the later state; between biases scale (w_i w_j).
-                let change = if self.is_bias(i) && self.is_bias(j) {
-                    scale * (w[i] * w[j])
+                // Order: (factor w_i) w_j with i the later state; between biases factor (w_i w_j).
+                let added = if self.is_bias(i) && self.is_bias(j) {
+                    change.covariance * (w[i] * w[j])
                 } else {
-                    scale * w[i] * w[j]
+                    change.covariance * w[i] * w[j]
                 };
-                let value = self.covariance[i][j] + change;
+                let value = self.covariance[i][j] + added;
                 self.set_symmetric(i, j, value);
             }
         }
@@ -601,77 +499,5 @@ impl<T: Real> StateFilter<T> {
                 }
             }
         }
-    }
-}
-
-/// Five-point regression of r(d) = sqrt(|d|^2 + height^2) for a Gaussian d with covariance `spread` (xx, yx, yy).
-///
-/// With L the Cholesky factor of the covariance, the points are d, d +- sqrt(3) L_1 and d +- sqrt(3) L_2, of weights
-/// 1/3 and 1/6 each. Returns the mean, the slope g = C^-1 cov(d, r), the variance around the line and along it.
-/// Everything is formed relative to the centre r(d). The height has a mean and a deviation; the latter adds to the variance
-/// around the line.
-pub(super) fn regress_distance<T: Real>(
-    distance: [T; 2],
-    spread: [T; 3],
-    height: [T; 2],
-) -> (T, [T; 2], T, T) {
-    let [height_m, _] = height;
-    let num = T::of;
-    let [dx, dy] = distance;
-    let [xx, yx, yy] = spread;
-    let l11 = sqrt(larger(xx, num(SMALLEST_SPREAD_M2)));
-    let l21 = yx / l11;
-    let l22 = sqrt(larger(yy - square(l21), num(SMALLEST_SPREAD_M2)));
-    let range = |x: T, y: T| sqrt(square(x) + square(y) + square(height_m));
-    let (step1x, step1y, step2y) = (num(ROOT_3) * l11, num(ROOT_3) * l21, num(ROOT_3) * l22);
-    let centre = range(dx, dy);
-    let points = [
-        range(dx + step1x, dy + step1y) - centre,
-        range(dx - step1x, dy - step1y) - centre,
-        range(dx, dy + step2y) - centre,
-        range(dx, dy - step2y) - centre,
-    ];
-    let line = FivePoints::new(points);
-    let gy = line.along[1] / l22;
-    let gx = (line.along[0] - l21 * gy) / l11;
-    (centre + line.mean, [gx, gy], line.residual + height_variance_m2(height, centre), line.explained)
-}
-
-/// Variance of a range of `range_m` from the deviation of the height between its ends: slope times deviation, squared.
-pub(super) fn height_variance_m2<T: Real>([mean_m, std_m]: [T; 2], range_m: T) -> T {
-    // No range is shorter than its height.
-    let shortest_m = if mean_m < T::ZERO { -mean_m } else { mean_m };
-    square(mean_m / larger(larger(range_m, shortest_m), T::of(1e-6)) * std_m)
-}
-
-/// What four sigma points (ahead and back along each column of the Cholesky factor) tell, relative to the centre.
-pub(super) struct FivePoints<T> {
-    /// Mean.
-    pub mean: T,
-    /// Covariance with each standardised direction.
-    pub along: [T; 2],
-    /// Variance along the line.
-    pub explained: T,
-    /// Variance around it.
-    pub residual: T,
-}
-
-impl<T: Real> FivePoints<T> {
-    /// From the values ahead and back along the first direction, then along the second.
-    pub fn new(points: [T; 4]) -> Self {
-        let num = T::of;
-        let sixth = T::ONE / num(6.0);
-        let half_step = num(0.5) / num(ROOT_3);
-        let mut sum = points[0];
-        let mut squares = square(points[0]);
-        for point in &points[1..] {
-            sum += *point;
-            squares += square(*point);
-        }
-        let mean = sum * sixth;
-        let along = [(points[0] - points[1]) * half_step, (points[2] - points[3]) * half_step];
-        let explained = square(along[0]) + square(along[1]);
-        let residual = larger(squares * sixth - square(mean) - explained, T::ZERO);
-        Self { mean, along, explained, residual }
     }
 }

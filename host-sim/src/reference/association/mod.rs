@@ -19,6 +19,7 @@
 //! it, summed downwards from the last), each starting from its constant (psi_k0 or 1 before, 0 after).
 
 pub mod exact;
+pub mod outcome;
 
 use super::Matrix;
 use super::real::{Real, abs, exp, larger, limited, sqrt, square, tau};

@@ -4,11 +4,13 @@
 //! of nothing being there: w_h <- w_h L_h, normalised, and r <- r L / (r L + 1 - r) with L the sum of w_h L_h.
 //! Light hypotheses are dropped, neighbours that ran together are merged. One heavy, small Gaussian is a discovery.
 
-use super::hypothesis::{Hypothesis, Moments, turned};
+use super::hypothesis::{Hypothesis, turned};
 use super::{Background, Discovered, Viewpoint};
 use crate::reference::association::Measurement;
+use crate::reference::motion::{PX, PY};
+use crate::reference::range::height_variance_m2;
 use crate::reference::real::{Real, exp, larger, limited, pi, smaller, sqrt, square, tau};
-use crate::reference::state_filter::{PX, PY, height_variance_m2};
+use crate::reference::soft_update::Moments;
 use cogmint_core::memory::discovery::candidate::{
     DETECTION_PRIOR, FIRST_DIRECTION, HYPOTHESIS_GATE2, LEAST_EXISTENCE, LIGHTEST, MOST_EXISTENCE,
     NEXT_DIRECTION,
@@ -138,7 +140,7 @@ impl<T: Real> Candidate<T> {
         let mut hit = T::ZERO;
         for hypothesis in &mut self.hypotheses {
             let line = hypothesis.regress(offset, viewpoint.height_m);
-            let mut moments = Moments { weight: T::ZERO, first_m: T::ZERO, second_m2: T::ZERO };
+            let mut moments = Moments::none();
             let mut noise = T::ZERO;
             for m in 0..measurements.len() {
                 let variance = line.variance_m2 + measurements[m].variance_m2;
@@ -146,9 +148,7 @@ impl<T: Real> Candidate<T> {
                 let nis = square(innovation) / variance;
                 if psi[m] > T::ZERO && nis < num(HYPOTHESIS_GATE2) {
                     let p = nu[m] * likelihood(scale, nis, variance);
-                    moments.weight += p;
-                    moments.first_m += p * innovation;
-                    moments.second_m2 += p * square(innovation);
+                    moments.add(p, innovation);
                     noise += p * measurements[m].variance_m2;
                 }
             }
@@ -159,12 +159,7 @@ impl<T: Real> Candidate<T> {
             sum += hypothesis.weight;
             if seen > num(LEAST_WEIGHT) * total {
                 let variance = line.variance_m2 + noise / seen;
-                let moments = Moments {
-                    weight: seen / total,
-                    first_m: moments.first_m / total,
-                    second_m2: moments.second_m2 / total,
-                };
-                hypothesis.correct(&line, &moments, variance);
+                hypothesis.correct(&line, &moments.over(total), variance);
             }
         }
 

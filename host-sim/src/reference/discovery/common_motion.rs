@@ -1,12 +1,12 @@
 //! The tag's motion and what was measured of it, as a hypothesis needs them that holds a position p of its own.
 //!
-//! Given p, the tag's velocity is v + C_vp C_pp^-1 (p' - p). A prediction over dt is therefore p <- A p + noise with
-//! A = I + dt C_vp C_pp^-1, and the noise what is missing to the state filter's new covariance. An update is the
+//! Given p, the tag's velocity is v + C_vp C_pp^-1 (p' - p). A prediction over which a velocity
+//! carries for dt is therefore p <- A p + noise with A = I + dt C_vp C_pp^-1, and the noise what is missing to the state filter's new covariance. An update is the
 //! information it brought: the matrix J = C_pp+^-1 - C_pp^-1 and the vector C_pp+^-1 (p+ - p).
 
 use super::Square;
+use crate::reference::motion::{Agent, PX, PY, VX};
 use crate::reference::real::{Real, larger, sqrt, square};
-use crate::reference::state_filter::{Agent, PX, PY, VX};
 
 /// A B.
 pub fn product<T: Real>(a: &Square<T>, b: &Square<T>) -> Square<T> {
@@ -83,7 +83,7 @@ pub struct Prediction<T> {
 }
 
 impl<T: Real> Prediction<T> {
-    /// From the agent before and after the state filter's prediction over `dt`.
+    /// From the agent before and after the state filter's prediction, over which a velocity carries for `dt` seconds.
     pub fn new(before: &Agent<T>, after: &Agent<T>, dt: T) -> Self {
         let position = block(before, PX);
         let gain = product(&block(before, VX), &precision(&position));

@@ -6,8 +6,9 @@
 
 use super::Square;
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product, transposed};
+use crate::reference::range::{five_points, height_variance_m2};
 use crate::reference::real::{Real, larger, smaller, sqrt, square};
-use crate::reference::state_filter::{FivePoints, ROOT_3, height_variance_m2};
+use crate::reference::soft_update::Moments;
 use cogmint_core::memory::discovery::hypothesis::{LEAST_ANGLE, LEAST_RADIUS_M2, LEAST_TAG_M2};
 use cogmint_core::model::soft_update::LARGEST_SHRINK;
 use std::fmt;
@@ -43,16 +44,6 @@ pub struct Line<T> {
     pub variance_m2: T,
 }
 
-/// The innovations of a scan: sums of p, p nu and p nu^2.
-pub struct Moments<T> {
-    /// Sum of the probabilities.
-    pub weight: T,
-    /// Sum of probability times innovation, metres.
-    pub first_m: T,
-    /// Sum of probability times squared innovation, square metres.
-    pub second_m2: T,
-}
-
 impl<T: Real> Hypothesis<T> {
     /// The line of the range; `offset` leads from the state filter's tag to the origin. Five sigma points in angle and
     /// radius; the tag moves the range by the cosines of its direction.
@@ -60,27 +51,15 @@ impl<T: Real> Hypothesis<T> {
         let num = T::of;
         let offset = [offset[0] - self.tag_shift_m[0], offset[1] - self.tag_shift_m[1]];
         let [aa, ra, rr] = self.covariance;
-        let l11 = sqrt(larger(aa, num(LEAST_ANGLE)));
-        let l21 = ra / l11;
-        let l22 = sqrt(larger(rr - square(l21), num(LEAST_RADIUS_M2)));
-        let range = |direction: [T; 2], radius: T| {
+        let here = self.direction;
+        let line = five_points(self.covariance, [LEAST_ANGLE, LEAST_RADIUS_M2], |[angle, ahead]| {
+            let (direction, radius) = (turned(here, rotation(angle)), self.radius_m + ahead);
             let dx = offset[0] + radius * direction[0];
             let dy = offset[1] + radius * direction[1];
             sqrt(square(dx) + square(dy) + square(height[0]))
-        };
-        let here = self.direction;
-        let centre = range(here, self.radius_m);
-        let (step1a, step1r, step2r) = (num(ROOT_3) * l11, num(ROOT_3) * l21, num(ROOT_3) * l22);
-        let [cos, sin] = rotation(step1a);
-        let points = FivePoints::new([
-            range(turned(here, [cos, sin]), self.radius_m + step1r) - centre,
-            range(turned(here, [cos, -sin]), self.radius_m - step1r) - centre,
-            range(here, self.radius_m + step2r) - centre,
-            range(here, self.radius_m - step2r) - centre,
-        ]);
-        let over_radius = points.along[1] / l22;
-        let over_angle = (points.along[0] - l21 * over_radius) / l11;
-        let slant = larger(centre, num(1e-3));
+        });
+        let [over_angle, over_radius] = line.slope;
+        let slant = larger(line.centre, num(1e-3));
         let mut over_tag = [T::ZERO; 2];
         for axis in 0..2 {
             over_tag[axis] = -(offset[axis] + self.radius_m * here[axis]) / slant;
@@ -103,8 +82,8 @@ impl<T: Real> Hypothesis<T> {
             + over_radius * with_own[1]
             + (over_tag[0] * with_tag[0] + over_tag[1] * with_tag[1]);
         let explained = larger(explained, num(LEAST_RADIUS_M2));
-        let residual = points.residual + height_variance_m2(height, centre);
-        Line { range_m: centre + points.mean, with_own, with_tag, variance_m2: explained + residual }
+        let residual = line.residual + height_variance_m2(height, line.centre);
+        Line { range_m: line.mean, with_own, with_tag, variance_m2: explained + residual }
     }
 
     /// Soft Kalman update; `variance` is an innovation's.

@@ -23,8 +23,8 @@ mod hypothesis;
 use self::candidate::Candidate;
 use self::common_motion::{Correction, Prediction};
 use super::association::Measurement;
+use super::motion::{Agent, MotionStep, PX, PY};
 use super::real::{Real, abs, larger, sqrt, square};
-use super::state_filter::{Agent, PX, PY};
 use super::{Matrix, zeros};
 use cogmint_core::memory::discovery::{
     CANDIDATES, CLEARLY, DiscoverySettings, LEAST_FREE, LEAST_PRIOR, LOST_M2, ROUNDS,
@@ -142,10 +142,10 @@ impl<T: Real> Discovery<T> {
         }
     }
 
-    /// After the state filter's prediction over `dt` seconds.
-    pub fn predict(&mut self, before: &Agent<T>, after: &Agent<T>, dt: T) {
+    /// After the state filter's prediction by a step.
+    pub fn predict(&mut self, before: &Agent<T>, after: &Agent<T>, step: &MotionStep<T>) {
         let lost = after.covariance[PX][PX] + after.covariance[PY][PY] > T::of(LOST_M2);
-        let step = Prediction::new(before, after, dt);
+        let step = Prediction::new(before, after, step.drift_s);
         for candidates in &mut self.candidates {
             if lost {
                 candidates.clear();

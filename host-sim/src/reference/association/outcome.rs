@@ -1,0 +1,87 @@
+//! A scan with what was expected in it and what came out: what update and memories read.
+
+use super::{Beliefs, associate};
+use crate::reference::association::Clutter;
+use crate::reference::discovery::Claims;
+use crate::reference::known::Expected;
+use crate::reference::loss::evidence_nat;
+use crate::reference::real::Real;
+use crate::reference::receiver::Scan;
+use crate::reference::soft_update::Moments;
+use crate::reference::state_filter::Innovation;
+use cogmint_core::perceptor::association::Mode;
+
+/// Features with less probability of a measurement move nothing.
+const LEAST_WEIGHT: f32 = 1e-3;
+
+/// An associated scan.
+#[derive(Clone, Debug)]
+pub struct Outcome<T> {
+    /// The scan.
+    pub scan: Scan<T>,
+    /// Per feature, what was expected of it: the direct path, then the anchor's virtual anchors by slot.
+    pub expected: Vec<Expected<T>>,
+    /// What the candidates of the discovery made of it.
+    pub claims: Claims<T>,
+    /// Per feature, the beliefs.
+    pub beliefs: Beliefs<T>,
+    /// Evidence that the tag is where it is believed to be, nats.
+    pub evidence_nat: T,
+}
+
+/// Associates a scan with what was expected in it.
+pub fn associate_scan<T: Real>(
+    scan: Scan<T>,
+    expected: Vec<Expected<T>>,
+    claims: Claims<T>,
+    clutter: &Clutter<T>,
+    mode: Mode,
+) -> Outcome<T> {
+    let features: Vec<_> = expected.iter().map(|expected| expected.feature).collect();
+    let mut beliefs = associate(&features, &scan.measurements, &claims.totals(), clutter);
+    if mode == Mode::Map {
+        beliefs.harden();
+    }
+    let evidence_nat = evidence_nat(&scan.measurements, &features, clutter);
+    Outcome { scan, expected, claims, beliefs, evidence_nat }
+}
+
+impl<T: Real> Outcome<T> {
+    /// What the measurements of each feature amount to; features with hardly any probability are left out.
+    pub fn innovations(&self) -> Vec<Innovation<T>> {
+        let mut innovations = Vec::new();
+        for (Expected { regression, .. }, belief) in self.expected.iter().zip(&self.beliefs.features) {
+            let mut moments = Moments::none();
+            let mut variance = T::ZERO;
+            for (z, &p) in self.scan.measurements.iter().zip(&belief.associated) {
+                moments.add(p, z.range_m - regression.range_m);
+                variance += p * z.variance_m2;
+            }
+            if moments.weight >= T::of(LEAST_WEIGHT) {
+                let variance_m2 = variance / moments.weight;
+                innovations.push(Innovation { regression: *regression, moments, variance_m2 });
+            }
+        }
+        innovations
+    }
+
+    /// Number of measurements that nothing known explains.
+    pub fn unexplained(&self) -> T {
+        let mut unexplained = T::ZERO;
+        for free in &self.beliefs.unassociated {
+            unexplained += *free;
+        }
+        unexplained
+    }
+}
+
+/// Mean of nu^2 / S over everything associated; 0 without measurements.
+pub fn normalised_innovation<T: Real>(outcomes: &[Outcome<T>]) -> T {
+    let (mut weight, mut squares) = (T::ZERO, T::ZERO);
+    for innovation in outcomes.iter().flat_map(Outcome::innovations) {
+        weight += innovation.moments.weight;
+        squares +=
+            innovation.moments.second_m2 / (innovation.regression.variance_m2() + innovation.variance_m2);
+    }
+    if weight > T::ZERO { squares / weight } else { T::ZERO }
+}

@@ -1,0 +1,41 @@
+//! Clutter memory: how many measurements of each anchor nothing known explains.
+
+use super::association::Clutter;
+use super::clock::gain;
+use super::real::{Real, larger};
+use cogmint_core::config::{AssociationSettings, Ranging};
+
+/// Walk of the number: variance per second over that of one count.
+const WALK_PER_S: f32 = 0.026;
+
+/// The memory.
+#[derive(Clone, Debug)]
+pub struct ClutterMemory<T> {
+    settings: AssociationSettings,
+    per_m: T,
+    /// Mean number of measurements per scan of unknown origin, by anchor.
+    pub unexplained: Vec<T>,
+}
+
+impl<T: Real> ClutterMemory<T> {
+    /// What is expected of so many anchors at the start.
+    pub fn new(settings: AssociationSettings, ranging: &Ranging, anchors: usize) -> Self {
+        let unexplained = T::of(settings.clutter_per_anchor) + T::of(settings.unmapped_per_anchor);
+        Self { settings, per_m: T::ONE / T::of(ranging.max_range_m), unexplained: vec![unexplained; anchors] }
+    }
+
+    /// Intensities of what an anchor delivers of unknown origin: even, up to the longest range.
+    pub fn clutter(&self, anchor: usize) -> Clutter<T> {
+        Clutter {
+            all_per_m: self.unexplained[anchor] * self.per_m,
+            false_alarms_per_m: T::of(self.settings.clutter_per_anchor) * self.per_m,
+        }
+    }
+
+    /// Enters the number of measurements of a scan that nothing known explains, `dt` seconds after the last.
+    pub fn remember(&mut self, anchor: usize, unexplained: T, dt: T) {
+        let before = self.unexplained[anchor];
+        let mean = before + gain(WALK_PER_S, dt) * (unexplained - before);
+        self.unexplained[anchor] = larger(mean, T::of(self.settings.clutter_per_anchor));
+    }
+}
