@@ -78,6 +78,8 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ///
     /// # Errors
     /// [`Error::NotBegun`]; nothing has changed then.
+    // Kept apart, as its stages are, so that each reuses the stack of the one before.
+    #[inline(never)]
     pub fn finish_observed(
         &mut self,
         observer: &mut impl Observer<VAS, PATHS>,
@@ -124,7 +126,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let manoeuvre_over_s = (!belief.is_acquiring()).then_some(receiver.unheard_s(scans));
         let expected = expect(filter, &told, environment, channel, clutter, scans, manoeuvre_over_s);
         let known = Known { filter, environment, channel, clutter };
-        let outcomes = associate(&told, &known, discovery, expected, observer);
+        let outcomes = associate(&told, &known, discovery, &expected, observer);
         let evidence_nat = outcomes.iter().fold(0.0, |sum, (outcome, _)| sum + outcome.evidence_nat);
         let lost = belief.watch(evidence_nat, filter.agent());
 

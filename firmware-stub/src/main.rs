@@ -8,7 +8,7 @@
 #![no_std]
 #![no_main]
 
-use cogmint_board::feed::Feed;
+use cogmint_board::feed::{Feed, Setup};
 use cogmint_board::host::{self, Fault, Line};
 use cogmint_board::meter::{StageMeter, stack};
 use cogmint_board::{FRAMES, Once, SAMPLES};
@@ -30,14 +30,20 @@ fn main() -> ! {
     host::end(replay(tracker, samples))
 }
 
+/// Constructs the tracker where it stays. Apart from the replay, whose stack the temporaries of the construction would take.
+#[inline(never)]
+fn build<'a>(slot: &'a mut MaybeUninit<BoardTracker>, setup: &Setup) -> Result<&'a mut BoardTracker, Fault> {
+    match Tracker::new(setup.config, &setup.anchors, &setup.map, &setup.actions, setup.seed) {
+        Ok(tracker) => Ok(slot.write(tracker)),
+        Err(_) => Err(Fault(b"error refused set-up\n")),
+    }
+}
+
 /// Replays the whole feed.
 fn replay(slot: &mut MaybeUninit<BoardTracker>, samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
     let mut feed = Feed::open().ok_or(Fault(b"error no feed\n"))?;
     let setup = feed.setup().ok_or(Fault(b"error malformed feed\n"))?;
-    let tracker = match Tracker::new(setup.config, &setup.anchors, &setup.map, &setup.actions, setup.seed) {
-        Ok(tracker) => slot.write(tracker),
-        Err(_) => return Err(Fault(b"error refused set-up\n")),
-    };
+    let tracker = build(slot, &setup)?;
     Line::new().text(b"constructor stack ").decimal(stack::deepest_from_reset()?).end();
     for cycle in 0..setup.cycles {
         let input = feed.cycle(samples).ok_or(Fault(b"error malformed cycle\n"))?;

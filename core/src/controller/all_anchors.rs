@@ -30,6 +30,7 @@ pub struct Decision {
 
 impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
     /// Controllers of `anchors` anchors that know nothing yet.
+    #[inline(always)] // built where it stays
     pub fn new(settings: ControllerSettings, anchors: usize, library: &Library<ACTIONS>, seed: u64) -> Self {
         let mut controllers = Vec::new();
         let own = if settings.per_anchor { anchors } else { 1 };

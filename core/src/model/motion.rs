@@ -51,6 +51,19 @@ pub struct Agent {
     pub covariance: Matrix4<f32>,
 }
 
+impl Start {
+    /// The tag where it starts.
+    pub(crate) fn agent(&self) -> Agent {
+        let [x, y] = self.position_m;
+        let position = self.position_std_m * self.position_std_m;
+        let velocity = self.velocity_std_m_s * self.velocity_std_m_s;
+        Agent {
+            mean: Vector4::new(x, y, 0.0, 0.0),
+            covariance: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
+        }
+    }
+}
+
 /// Covariance that acceleration adds to [p, v] per axis over a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProcessNoise {

@@ -61,6 +61,7 @@ impl<const ANCHORS: usize> Default for Delivered<ANCHORS> {
 
 impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     /// Nothing received yet; `pulse` is that of the first action.
+    #[inline(always)] // built where it stays
     pub fn new(radio: Radio, estimator_settings: EstimatorSettings, ranging: Ranging, pulse: Pulse) -> Self {
         Self {
             radio,
@@ -138,9 +139,13 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         let anchor = observation.anchor();
         let place = scans.iter().position(|scan| scan.anchor >= anchor).unwrap_or(scans.len());
         if scans.get(place).is_none_or(|scan| scan.anchor != anchor) {
-            // One per anchor: there is room.
             let elapsed_s = self.silent_s.get_mut(anchor).map_or(0.0, |[scan_s, _]| core::mem::take(scan_s));
-            let _ = scans.insert(place, Scan::new(anchor, link.expected, elapsed_s));
+            // Later anchors' scans move up by one. One per anchor: there is room.
+            let mut last = Scan::new(anchor, link.expected, elapsed_s);
+            for scan in scans.iter_mut().skip(place) {
+                core::mem::swap(scan, &mut last);
+            }
+            let _ = scans.push(last);
         }
         let Some(scan) = scans.get_mut(place) else { return };
         match observation {

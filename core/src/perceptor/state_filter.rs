@@ -162,6 +162,7 @@ pub struct StateFilter<const ANCHORS: usize, const VAS: usize> {
 impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
     /// A tag somewhere around `position_m` with no virtual anchors. A `bias_std_m` of 0 switches the biases off
     /// (they stay at `bias_mean_m`).
+    #[inline(always)] // built where it stays
     pub fn new(
         motion: Motion,
         position_m: [f32; 2],

@@ -26,6 +26,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     ///
     /// # Errors
     /// The first value out of range.
+    #[inline(always)] // built where it stays
     pub fn new(
         config: Config,
         anchors: &[Anchor],
@@ -53,27 +54,20 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             return Err(Error::VirtualAnchorCount { given: map.len(), limit: VAS });
         }
         let Config { start, ranging, .. } = config;
-        let mut filter = StateFilter::new(
-            config.motion,
-            start.position_m,
-            start.position_std_m,
-            start.velocity_std_m_s,
-            ranging.bias_mean_m,
-            ranging.bias_std_m,
-        );
-        let start_speed_m_s = start.velocity_std_m_s;
-        let mut environment = EnvironmentMemory::default();
         for (slot, mapped) in map.iter().enumerate() {
             mapped.check(slot, anchors.len())?;
-            let std_m = if config.exact_map { 0.0 } else { mapped.std_m };
-            filter.insert_independent(slot, mapped.position_m, std_m);
-            environment.insert(slot, mapped.anchor, 0.9, 0);
         }
         Ok(Self {
             receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
-            belief: TagBelief::new(config.motion, start_speed_m_s, filter.agent(), config.acquisition),
-            filter,
-            environment,
+            belief: TagBelief::new(config.motion, start.velocity_std_m_s, start.agent(), config.acquisition),
+            filter: Self::filter_at_start(&config, map),
+            environment: {
+                let mut environment = EnvironmentMemory::default();
+                for (slot, mapped) in map.iter().enumerate() {
+                    environment.insert(slot, mapped.anchor, 0.9, 0);
+                }
+                environment
+            },
             discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
             channel: ChannelMemory::new(config.controller.prior_sinr, config.controller.neighbours, &library),
@@ -85,6 +79,24 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             begun: None,
             scans: Vec::new(),
         })
+    }
+
+    #[inline(always)] // built where it stays
+    fn filter_at_start(config: &Config, map: &[MappedVirtualAnchor]) -> StateFilter<ANCHORS, VAS> {
+        let Config { start, ranging, motion, exact_map, .. } = config;
+        let mut filter = StateFilter::new(
+            *motion,
+            start.position_m,
+            start.position_std_m,
+            start.velocity_std_m_s,
+            ranging.bias_mean_m,
+            ranging.bias_std_m,
+        );
+        for (slot, mapped) in map.iter().enumerate() {
+            let std_m = if *exact_map { 0.0 } else { mapped.std_m };
+            filter.insert_independent(slot, mapped.position_m, std_m);
+        }
+        filter
     }
 
     /// One cycle at once: what was received in the last `elapsed_s` seconds (one frame or scan per anchor at most, none for

@@ -191,7 +191,7 @@ pub(super) fn associate<
     told: &Told<'_, ANCHORS, ACTIONS>,
     known: &Known<'_, ANCHORS, VAS, ACTIONS>,
     discovery: &Discovery<ANCHORS>,
-    expected: Expected<'a, ANCHORS, VAS, PATHS>,
+    expected: &'a Expected<'a, ANCHORS, VAS, PATHS>,
     observer: &mut impl Observer<VAS, PATHS>,
 ) -> Outcomes<'a, ANCHORS, VAS, PATHS> {
     let mut outcomes = Vec::new();
@@ -202,7 +202,7 @@ pub(super) fn associate<
         let clutter = known.clutter.clutter(scan.anchor);
         let mode = told.config.association.mode;
         let outcome = associate_scan(scan, expected, &claims.totals(), &clutter, mode);
-        let Expectations { direct, virtual_anchors, .. } = &outcome.expected;
+        let Expectations { direct, virtual_anchors, .. } = expected;
         observer.expectations(scan.anchor, direct, virtual_anchors);
         observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
         // As many as scans: the push succeeds.

@@ -27,8 +27,13 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
     let radio = setup.config.radio;
     let action = setup.actions.first().ok_or(Fault::FEED)?;
     let pulse = radio.pulse(action);
-    let estimator =
-        Estimator::new(pulse, radio.sample_spacing_s, radio.samples_per_frame, radio.false_paths_per_frame);
+    let estimator = Estimator::new(
+        pulse,
+        radio.sample_spacing_s,
+        radio.samples_per_frame,
+        radio.false_paths_per_frame,
+        setup.config.estimator,
+    );
     let mut deepest = 0;
     for _ in 0..setup.cycles {
         let input = feed.cycle(samples).ok_or(Fault::FEED)?;

@@ -130,7 +130,9 @@ fn lines(filter: &Filter, scene: &Scene) -> Vec<Regression, RANGES> {
     let mut lines = Vec::new();
     for source in direct.chain(images) {
         let Some(anchor_m) = scene.anchors_m.get(source.anchor()) else { continue };
-        if let Some(line) = filter.regress(source, &Sight { anchor_m: *anchor_m, height_m: 0.0, height_std_m: 0.0 }) {
+        if let Some(line) =
+            filter.regress(source, &Sight { anchor_m: *anchor_m, height_m: 0.0, height_std_m: 0.0 })
+        {
             // As many places as sources.
             let _ = lines.push(line);
         }

@@ -98,7 +98,11 @@ fn outlook(feed: &mut File) -> Result<PlanningState, Fault> {
         velocity_m_s: [u, v],
         covariance: Matrix4::new(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, 0.0, uu, 0.0, 0.0, 0.0, 0.0, vv),
         elapsed_s,
-        motion: Motion { acceleration_density_m2_s3, velocity_decay_s: f32::INFINITY, ..Config::default().motion },
+        motion: Motion {
+            acceleration_density_m2_s3,
+            velocity_decay_s: f32::INFINITY,
+            ..Config::default().motion
+        },
         variance_inflation,
         range_floor_m,
         radio: Radio { pulse_shape: PulseShape::RootRaisedCosine { roll_off }, ..Config::default().radio },

@@ -125,6 +125,7 @@ pub struct ChannelMemory<const ANCHORS: usize, const VAS: usize, const ACTIONS: 
 impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory<ANCHORS, VAS, ACTIONS> {
     /// An empty memory. `prior_sinr` (linear) is assumed of sources never seen, at the carrier of the first action;
     /// with `neighbours`, actions tell of those whose spectra they overlap.
+    #[inline(always)] // built where it stays
     pub fn new(prior_sinr: f32, neighbours: bool, library: &Library<ACTIONS>) -> Self {
         let reference_hz = library.get(0).map_or(1.0, |first| first.carrier_hz);
         let mut loss_ln = [0.0; ACTIONS];

@@ -15,7 +15,7 @@ pub struct AssociatedScan<'a, const VAS: usize, const PATHS: usize> {
     /// What was received.
     pub scan: &'a Scan<PATHS>,
     /// What it was expected to show.
-    pub expected: Expectations<VAS>,
+    pub expected: &'a Expectations<VAS>,
     /// Which measurement belongs to which source.
     pub beliefs: Beliefs<VAS, PATHS>,
     /// Evidence that the tag is where it is believed to be, nats.
@@ -75,12 +75,12 @@ impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
 #[inline(never)]
 pub fn associate_scan<'a, const VAS: usize, const PATHS: usize>(
     scan: &'a Scan<PATHS>,
-    expected: Expectations<VAS>,
+    expected: &'a Expectations<VAS>,
     claims: &[f32; PATHS],
     clutter: &Clutter,
     mode: Mode,
 ) -> AssociatedScan<'a, VAS, PATHS> {
-    let Expectations { direct_path, expectations, .. } = &expected;
+    let Expectations { direct_path, expectations, .. } = expected;
     let evidence_nat = evidence_nat(&scan.measurements, direct_path, expectations.iter(), clutter);
     let mut beliefs = associate(direct_path, expectations, &scan.measurements, claims, clutter);
     if mode == Mode::Map {

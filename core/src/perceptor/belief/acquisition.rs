@@ -143,6 +143,7 @@ pub struct Acquisition<const ANCHORS: usize> {
 impl<const ANCHORS: usize> Acquisition<ANCHORS> {
     /// Nothing heard yet; the tag is somewhere around the prior. `speed_m2_s2` is the variance per axis of a velocity that
     /// nothing is known of.
+    #[inline(always)] // built where it stays
     pub fn new(prior: Agent, speed_m2_s2: f32, settings: AcquisitionSettings) -> Self {
         Self {
             prior,

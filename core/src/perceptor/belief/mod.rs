@@ -28,6 +28,7 @@ pub struct TagBelief<const ANCHORS: usize> {
 impl<const ANCHORS: usize> TagBelief<ANCHORS> {
     /// The tag is somewhere around the prior. `speed_m_s` is the standard deviation per axis of a velocity that nothing is
     /// known of.
+    #[inline(always)] // built where it stays
     pub fn new(motion: Motion, speed_m_s: f32, prior: Agent, settings: AcquisitionSettings) -> Self {
         let acquisition = Some(Acquisition::new(prior, speed_m_s * speed_m_s, settings));
         Self { motion, speed_m_s, settings, acquisition, loss: LossMonitor::default() }
