@@ -101,7 +101,7 @@ impl Default for Config {
                 detection_probability: 0.95,
                 clutter_per_anchor: 1.0,
                 unmapped_per_anchor: 5.0,
-                disappearance_per_s: 0.003,
+                map_change_per_s: 1e-4,
             },
             acquisition: AcquisitionSettings::default(),
             discovery: true,
@@ -123,7 +123,7 @@ impl Default for Config {
                     temperature_nat: 0.1,
                     exploration_per_s: 0.003,
                     hysteresis_nat: 0.01,
-                    patience_s: 1.5,
+                    patience_s: 1.4,
                 },
                 planned_actions: 20,
                 horizon: 1,
@@ -189,7 +189,7 @@ impl Config {
         within(association.detection_probability, 0.01, 0.999, Setting::DetectionProbability)?;
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
         within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
-        within(association.disappearance_per_s, 0.0, 10.0, Setting::Disappearance)?;
+        within(association.map_change_per_s, 0.0, 10.0, Setting::MapChange)?;
         let AcquisitionSettings { newcomer_weight, settled_weight, settled_cycles, settled_within_m } =
             *acquisition;
         within(newcomer_weight, 1e-8, 0.1, Setting::NewcomerWeight)?;

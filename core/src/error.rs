@@ -142,7 +142,7 @@ pub enum Setting {
     ClutterPerAnchor,
     UnmappedPerAnchor,
     MaxRange,
-    Disappearance,
+    MapChange,
     NewcomerWeight,
     SettledWeight,
     SettledCycles,

@@ -109,7 +109,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let predicted = filter.agent();
         discovery.predict(&last, &predicted, &step);
         belief.predict(&step, &last, &predicted, elapsed_s);
-        environment.predict(config.association.disappearance_per_s, elapsed_s);
+        environment.predict(config.association.map_change_per_s, elapsed_s);
         channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);

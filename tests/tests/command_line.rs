@@ -452,10 +452,10 @@ fn malformed_recordings_are_refused_with_file_and_reason() {
     refused(&track(), &["recording.toml", "line 1"]);
     fs::write(
         place.join("recording.toml"),
-        toml.replace("acceleration_std_m_s2 = 0.01", "acceleration_std_m_s2 = -1.0"),
+        toml.replace("acceleration_density_m2_s3 = ", "acceleration_density_m2_s3 = -"),
     )
     .unwrap();
-    refused(&track(), &["recording.toml", "acceleration_std_m_s2"]);
+    refused(&track(), &["recording.toml", "acceleration_density_m2_s3"]);
     fs::write(place.join("recording.toml"), &toml).unwrap();
 
     fs::write(place.join("recording.npz"), &npz[..npz.len() / 2]).unwrap();

@@ -1,7 +1,7 @@
 //! Environment memory: which virtual anchors exist, and how sure that is.
 //!
 //! The state filter holds where they are; this memory holds that they are. Existence follows the Bernoulli
-//! recursion r <- exp(-rate dt) r with time and the association's posterior after each; a virtual anchor is confirmed
+//! recursion of a two-state chain with time and the association's posterior after each; a virtual anchor is confirmed
 //! above 0.5 and forgotten below 1e-3. A virtual anchor that is hidden (its SINR says so) neither proves nor disproves that
 //! it exists, and keeps its existence; one that was never seen loses it slowly.
 
@@ -99,12 +99,14 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
         }
     }
 
-    /// Moves ahead: virtual anchors cease to exist now and then, but for those that are hidden, of which nothing is learnt.
-    pub fn predict(&mut self, disappearance_per_s: f32, elapsed_s: f32) {
-        let gone = probability(disappearance_per_s, elapsed_s);
+    /// Time passes: what is known of virtual anchors gets old, but for those that are hidden. A wall that was there may be gone,
+    /// and one that was not may be there again: silence makes doubtful and never forgets.
+    pub fn predict(&mut self, change_per_s: f32, elapsed_s: f32) {
+        // A symmetric two-state chain forgets its state at twice the rate at which it turns.
+        let changed = 0.5 * probability(2.0 * change_per_s, elapsed_s);
         for record in self.records.iter_mut().flatten() {
             if record.sighting == Sighting::Open {
-                record.existence -= record.existence * gone;
+                record.existence += changed * (1.0 - 2.0 * record.existence);
             }
         }
     }
@@ -254,7 +256,7 @@ mod tests {
         let mut memory = EnvironmentMemory::<1>::default();
         memory.insert(0, 0, 0.9, hits);
         for _ in 0..scans {
-            memory.predict(0.01, 0.1);
+            memory.predict(1e-4, 0.1);
             let r = memory.get(0).map_or(0.0, |record| record.existence);
             // Bernoulli: missed although it exists, or because it does not.
             let missed = r * (1.0 - detection) / (1.0 - r * detection);

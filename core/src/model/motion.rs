@@ -9,7 +9,7 @@
 //!
 //! so that cutting a step in two changes nothing but rounding.
 
-use crate::real::expm1;
+use crate::real::{exp, expm1};
 use nalgebra::{Matrix4, Vector4};
 
 /// How the tag moves and how much the map changes.
@@ -127,7 +127,7 @@ impl Motion {
         let velocity = self.acceleration_density_m2_s3 * dt;
         MotionStep {
             drift_s: dt * drift,
-            decay: 1.0 - lost,
+            decay: exp(-a),
             noise: ProcessNoise {
                 position_m2: velocity * (dt * dt) * reach,
                 cross_m2_s: velocity * (0.5 * dt) * (drift * drift),

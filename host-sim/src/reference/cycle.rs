@@ -172,7 +172,7 @@ impl<T: Real> Reference<T> {
         let predicted = filter.agent();
         discovery.predict(&last, &predicted, &step);
         belief.predict(&step, &last, &predicted, elapsed_s);
-        environment.predict(config.association.disappearance_per_s, elapsed_s);
+        environment.predict(config.association.map_change_per_s, elapsed_s);
         channel.predict(elapsed_s);
 
         // Locate, where it is not known where the tag is.

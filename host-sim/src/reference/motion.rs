@@ -8,7 +8,7 @@
 //! each formed as its value at constant velocity (tau infinite: q dt, q dt^2 / 2, q dt^3 / 3) times a share.
 
 use super::Matrix;
-use super::real::{Real, exp_m1, square};
+use super::real::{Real, exp, exp_m1, square};
 use cogmint_core::model::motion::Motion;
 
 /// Indices of the tag's states.
@@ -100,7 +100,7 @@ impl<T: Real> MotionStep<T> {
             both: velocity * (num(0.5) * dt) * square(drift),
             velocity: velocity * spread,
         };
-        Self { drift_s: dt * drift, decay: T::ONE - lost, noise }
+        Self { drift_s: dt * drift, decay: exp(-a), noise }
     }
 
     /// x <- F x, C <- F C F' + Q.

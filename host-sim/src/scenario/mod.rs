@@ -311,9 +311,15 @@ pub struct Tag {
     /// Standard deviation of its height as the tracker is told it, metres. The height told is wrong by one draw of it, the
     /// same all the way; the true one is `height_m` or the trajectory's.
     #[schemars(range(min = 0.0, max = 100.0))]
+    #[serde(skip_serializing_if = "is_exact")]
     pub height_std_m: f64,
     /// Its antenna; it does not turn with the motion.
     pub antenna: Antenna,
+}
+
+/// Whether a deviation says that there is none.
+fn is_exact(std_m: &f64) -> bool {
+    *std_m == 0.0
 }
 
 impl Default for Tag {

@@ -286,9 +286,10 @@ fn with_an_exact_map_the_bound_is_the_posterior_one() {
     setup.config.exact_map = true;
     let cycles = drawn_from_the_model(&mut recording, &images, &mut rng);
     let bounds_m = bound::detected(&recording, &setup, &cycles);
+    let density = f64::from(setup.config.motion.acceleration_density_m2_s3);
     let mut posterior = crate::bound::posterior::Posterior::new(0.3, 0.3);
     for ((cycle, known), bound_m) in cycles.iter().zip(&recording.cycles).zip(&bounds_m) {
-        posterior.predict(cycle.elapsed_s, 0.4);
+        posterior.predict(cycle.elapsed_s, density);
         let [x, y] = known.truth_position_m.expect("is known");
         let mut information = [0.0; 3];
         for scan in &cycle.scans {
@@ -307,8 +308,7 @@ fn with_an_exact_map_the_bound_is_the_posterior_one() {
         }
         posterior.update(information);
         let expected_m = posterior.position_trace_m2().sqrt();
-        // Acceleration is white here and constant over a cycle there: a twelfth of the position's noise.
-        assert!((bound_m / expected_m - 1.0).abs() < 0.02, "{bound_m} {expected_m}");
+        assert!((bound_m / expected_m - 1.0).abs() < 0.005, "{bound_m} {expected_m}");
     }
     assert!(bound::answerable(&bounds_m));
     assert!(!bound::answerable(&[0.1, 0.1, 0.1, 0.1, 0.4]));

@@ -54,8 +54,9 @@ pub struct AssociationSettings {
     /// Expected number of paths per anchor that come from virtual anchors not in the map, at the start (0 to 100);
     /// adapted to what is seen.
     pub unmapped_per_anchor: f32,
-    /// How often a virtual anchor ceases to exist, per second (0 to 10). Larger gives up walls sooner.
-    pub disappearance_per_s: f32,
+    /// How often a virtual anchor ceases to exist or comes back, per second (0 to 10). Larger gives up walls sooner, and takes
+    /// them back sooner.
+    pub map_change_per_s: f32,
 }
 
 /// What the most probable joint association of its cluster gives a feature.
