@@ -121,7 +121,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 filter.place(&agent);
             }
         }
-        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(elapsed_s);
+        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(receiver.unheard_s(scans));
         let expected = expect(filter, &told, environment, channel, clutter, scans, manoeuvre_over_s);
         let known = Known { filter, environment, channel, clutter };
         let outcomes = associate(&told, &known, discovery, expected, observer);

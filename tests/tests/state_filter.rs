@@ -30,20 +30,22 @@ struct Textbook {
 }
 
 impl Textbook {
-    fn predict(&mut self, dt: f64, acceleration: f64, walk: f64) {
+    /// At constant velocity, driven by white acceleration of this density; the map walks by `walk` in the root of a second.
+    fn predict(&mut self, dt: f64, density: f64, walk: f64) {
         let n = self.x.len();
         let mut f = DMatrix::identity(n, n);
         f[(0, 2)] = dt;
         f[(1, 3)] = dt;
-        let mut g = DMatrix::zeros(n, 2);
-        for axis in 0..2 {
-            g[(axis, axis)] = 0.5 * dt * dt;
-            g[(axis + 2, axis)] = dt;
-        }
         self.x = &f * &self.x;
-        self.p = &f * &self.p * f.transpose() + &g * g.transpose() * acceleration * acceleration;
+        self.p = &f * &self.p * f.transpose();
+        for axis in 0..2 {
+            self.p[(axis, axis)] += density * dt.powi(3) / 3.0;
+            self.p[(axis, axis + 2)] += density * dt.powi(2) / 2.0;
+            self.p[(axis + 2, axis)] += density * dt.powi(2) / 2.0;
+            self.p[(axis + 2, axis + 2)] += density * dt;
+        }
         for i in 4..n {
-            self.p[(i, i)] += walk * walk;
+            self.p[(i, i)] += walk * walk * dt;
         }
     }
 

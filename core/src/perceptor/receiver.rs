@@ -250,6 +250,16 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         &self.silent_s
     }
 
+    /// Time since anything was heard before these scans, seconds.
+    pub fn unheard_s(&self, scans: &Scans<ANCHORS, PATHS>) -> f32 {
+        let mut unheard_s = f32::INFINITY;
+        for (anchor, [silent_s, _]) in self.silent_s.iter().enumerate() {
+            let scan = scans.iter().find(|scan| scan.anchor == anchor);
+            unheard_s = smaller(unheard_s, scan.map_or(*silent_s, |scan| scan.elapsed_s));
+        }
+        unheard_s
+    }
+
     /// Threshold on the normalised energy of a path, of the pulse last used.
     pub fn threshold(&self) -> f32 {
         self.estimator.threshold()
