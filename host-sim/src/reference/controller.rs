@@ -318,7 +318,7 @@ impl<T: Real> Prospect<'_, T> {
         // Order: relative to the source, step by step.
         let [mut d, mut v] = [outlook.position_m, outlook.velocity_m_s];
         for axis in 0..2 {
-            d[axis] = d[axis] - source.position_m[axis];
+            d[axis] -= source.position_m[axis];
             for _ in 0..ahead {
                 d[axis] += outlook.step.drift_s * v[axis];
                 v[axis] *= outlook.step.decay;

@@ -1,6 +1,6 @@
 //! Environment memory: the virtual anchors believed to exist.
 //!
-//! Existence r follows r <- exp(-rate dt) r with time and the association's posterior after each scan. A virtual anchor counts
+//! Existence is a chain of two states with time, and the association's posterior after each scan. A virtual anchor counts
 //! above 1/2, and is forgotten below 1/1000. While it is hidden its existence stays; one that was never seen loses it slowly.
 
 use super::clock::probability;
@@ -92,14 +92,13 @@ impl<T: Real> EnvironmentMemory<T> {
         self.records[slot] = Some(Record { anchor, existence, sighting: Sighting::Open, hits });
     }
 
-    /// `dt` seconds pass: what is not hidden may have come or gone, at the same rate. After a time dt, a two-state chain is in
-    /// the other state with probability (1 - exp(-2 rate dt)) / 2.
+    /// `dt` seconds pass: what is not hidden may have gone, or come back.
     pub fn predict(&mut self, change_per_s: f32, dt: T) {
-        let other = T::of(0.5) * probability(2.0 * change_per_s, dt);
+        // A symmetric chain forgets its state at twice the rate of its turns.
+        let changed = T::of(0.5) * probability(2.0 * change_per_s, dt);
         for record in self.records.iter_mut().flatten() {
             if record.sighting == Sighting::Open {
-                // Order: the doubled probability first.
-                record.existence += other * (T::ONE - T::of(2.0) * record.existence);
+                record.existence += changed * (T::ONE - T::of(2.0) * record.existence);
             }
         }
     }

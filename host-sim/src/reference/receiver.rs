@@ -187,6 +187,16 @@ impl<T: Real> Receiver<T> {
         scan.measurements.extend(best.into_iter().map(|n| all[n]));
     }
 
+    /// Seconds since anything was heard before these scans.
+    pub fn unheard_s(&self, scans: &[Scan<T>]) -> T {
+        let mut unheard_s = T::of(f32::INFINITY);
+        for (anchor, [silent_s, _]) in self.silent_s.iter().enumerate() {
+            let scan = scans.iter().find(|scan| scan.anchor == anchor);
+            unheard_s = smaller(unheard_s, scan.map_or(*silent_s, |scan| scan.elapsed_s));
+        }
+        unheard_s
+    }
+
     fn take_frame(
         &mut self,
         frame: &Frame<'_>,

@@ -10,8 +10,8 @@
 
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product};
 use crate::model::range::{FivePoints, SIGMA_POINT, height_variance_m2};
-use crate::model::soft_update::{LARGEST_SHRINK, Moments};
-use crate::real::{larger, smaller, sqrt};
+use crate::model::soft_update::{Moments, SoftUpdate};
+use crate::real::{larger, sqrt};
 use nalgebra::{Matrix2, Vector2};
 
 /// Guard: against the division by its root: least variance of an angle.
@@ -100,20 +100,16 @@ impl Hypothesis {
     pub fn correct(&mut self, line: &PolarRegression, associated: &Moments, variance: f32) {
         let [wa, wr] = line.own;
         let [aa, ra, rr] = self.covariance;
-        // As in the state filter, no update shrinks a variance by more than 2^-10 at once.
-        let inverse = 1.0 / larger(variance, line.variance_m2 * (1.0 + LARGEST_SHRINK));
-        let first = associated.first_m;
-        let spread = larger(associated.second_m2 - first * first, 0.0);
-        // A soft association widens by the spread of its candidates, at most as much as it knew before.
-        let scale = smaller((spread * inverse - associated.weight) * inverse, inverse);
+        let change = SoftUpdate::new(associated, variance, line.variance_m2);
+        let scale = change.covariance;
         let (ka, kr) = (scale * wa, scale * wr);
-        self.turn(wa * inverse * first);
-        self.radius_m += wr * inverse * first;
+        self.turn(wa * change.mean);
+        self.radius_m += wr * change.mean;
         self.covariance =
             [larger(aa + ka * wa, LEAST_ANGLE), ra + kr * wa, larger(rr + kr * wr, LEAST_RADIUS_M2)];
         let [tx, ty] = line.tag;
         self.cross += Matrix2::new(ka * tx, ka * ty, kr * tx, kr * ty);
-        self.tag_shift_m += Vector2::new(tx * inverse * first, ty * inverse * first);
+        self.tag_shift_m += Vector2::new(tx * change.mean, ty * change.mean);
         let (kx, ky) = (scale * tx, scale * ty);
         let t = &mut self.tag_covariance;
         *t = Matrix2::new(

@@ -7,10 +7,9 @@
 use super::Square;
 use super::common_motion::{Correction, Prediction, applied, inverse, precision, product, transposed};
 use crate::reference::range::{five_points, height_variance_m2};
-use crate::reference::real::{Real, larger, smaller, sqrt, square};
-use crate::reference::soft_update::Moments;
+use crate::reference::real::{Real, larger, sqrt, square};
+use crate::reference::soft_update::{Moments, SoftUpdate};
 use cogmint_core::memory::discovery::hypothesis::{LEAST_ANGLE, LEAST_RADIUS_M2, LEAST_TAG_M2};
-use cogmint_core::model::soft_update::LARGEST_SHRINK;
 use std::fmt;
 
 /// A hypothesis.
@@ -89,16 +88,13 @@ impl<T: Real> Hypothesis<T> {
     /// Soft Kalman update; `variance` is an innovation's.
     pub fn correct(&mut self, line: &Line<T>, moments: &Moments<T>, variance: T) {
         let num = T::of;
-        let precision = T::ONE / larger(variance, line.variance_m2 * (T::ONE + num(LARGEST_SHRINK)));
-        let first = moments.first_m;
-        let spread = larger(moments.second_m2 - square(first), T::ZERO);
-        let scale = smaller((spread * precision - moments.weight) * precision, precision);
+        let change = SoftUpdate::new(moments, variance, line.variance_m2);
         let ([wa, wr], [wx, wy]) = (line.with_own, line.with_tag);
-
-        self.turn(wa * precision * first);
-        self.radius_m += wr * precision * first;
-        self.tag_shift_m[0] += wx * precision * first;
-        self.tag_shift_m[1] += wy * precision * first;
+        self.turn(wa * change.mean);
+        self.radius_m += wr * change.mean;
+        self.tag_shift_m[0] += wx * change.mean;
+        self.tag_shift_m[1] += wy * change.mean;
+        let scale = change.covariance;
 
         // C <- C + scale w w'. Order: (scale w_row) w_column.
         let [aa, ra, rr] = self.covariance;
