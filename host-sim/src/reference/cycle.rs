@@ -196,11 +196,11 @@ impl<T: Real> Reference<T> {
         if !belief.is_acquiring() && are_direct_paths_missing(&scans, &expected) {
             let before = filter.agent_covariance();
             let velocity = square(T::of(config.start.velocity_std_m_s));
-            filter.disturb(&ProcessNoise::of_turn(velocity, elapsed_s));
+            filter.disturb(&ProcessNoise::of_turn(velocity, receiver.unheard_s));
             let widened = all(filter);
             let [motion, manoeuvre] =
                 [&expected, &widened].map(|expected| total_evidence_nat(&scans, expected, clutter));
-            if is_manoeuvre(motion, manoeuvre, elapsed_s) {
+            if is_manoeuvre(motion, manoeuvre, receiver.unheard_s) {
                 expected = widened;
             } else {
                 filter.set_agent_covariance(&before);

@@ -96,6 +96,8 @@ pub struct Receiver<T> {
     pub last_sequence: Vec<Option<u32>>,
     /// Seconds since the last scan and the last frame, by anchor.
     pub silent_s: Vec<[T; 2]>,
+    /// Seconds since anything was heard before the last scans.
+    pub unheard_s: T,
 }
 
 impl<T: Real> Receiver<T> {
@@ -111,6 +113,7 @@ impl<T: Real> Receiver<T> {
             gain_control: vec![GainControl::default(); anchors],
             last_sequence: vec![None; anchors],
             silent_s: vec![[T::ZERO; 2]; anchors],
+            unheard_s: T::ZERO,
         };
         receiver.threshold = receiver.estimator(first).threshold();
         receiver
@@ -128,6 +131,10 @@ impl<T: Real> Receiver<T> {
     ) -> (Vec<AnchorEstimate<T>>, Vec<Scan<T>>) {
         for silent_s in self.silent_s.iter_mut().flatten() {
             *silent_s = smaller(*silent_s + dt, T::of(LONGEST_S));
+        }
+        self.unheard_s = T::of(LONGEST_S);
+        for [silent_s, _] in &self.silent_s {
+            self.unheard_s = smaller(self.unheard_s, *silent_s);
         }
         let mut estimates = Vec::new();
         let mut scans = Vec::new();
