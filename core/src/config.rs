@@ -6,6 +6,7 @@ use crate::controller::policy::Choice;
 use crate::controller::reward::Reward;
 use crate::controller::value::Learning;
 use crate::error::{Error, Setting};
+use crate::memory::channel::ChannelMemorySettings;
 use crate::memory::discovery::DiscoverySettings;
 pub use crate::model::measurement::Ranging;
 use crate::model::motion::Motion;
@@ -13,6 +14,7 @@ pub use crate::model::motion::Start;
 pub use crate::perceptor::association::AssociationSettings;
 use crate::perceptor::association::Mode;
 use crate::perceptor::belief::acquisition::AcquisitionSettings;
+use crate::perceptor::belief::loss::BeliefSettings;
 use crate::perceptor::channel_estimator::EstimatorSettings;
 pub use crate::radio::Radio;
 use crate::radio::pulse::PulseShape;
@@ -63,6 +65,10 @@ pub struct Config {
     pub association: AssociationSettings,
     /// When it is known where the tag is.
     pub acquisition: AcquisitionSettings,
+    /// When the tag is taken for lost, and how often it turns.
+    pub belief: BeliefSettings,
+    /// How the channel memory follows what it hears.
+    pub channel: ChannelMemorySettings,
     /// Whether unknown virtual anchors are looked for.
     pub discovery: bool,
     /// How much it takes to find one.
@@ -104,6 +110,8 @@ impl Default for Config {
                 map_change_per_s: 1e-4,
             },
             acquisition: AcquisitionSettings::default(),
+            belief: BeliefSettings::default(),
+            channel: ChannelMemorySettings::default(),
             discovery: true,
             discovery_settings: DiscoverySettings::default(),
             exact_map: false,
@@ -165,6 +173,8 @@ impl Config {
             ranging,
             association,
             acquisition,
+            belief,
+            channel,
             discovery: _,
             discovery_settings,
             exact_map: _,
@@ -196,6 +206,23 @@ impl Config {
         within(settled_weight, 0.5, 0.999_999_9, Setting::SettledWeight)?;
         within(f32::from(settled_cycles), 1.0, 1000.0, Setting::SettledCycles)?;
         within(settled_within_m, 0.01, 10.0, Setting::SettledWithin)?;
+        within(belief.doubtful_nat, 0.0, 100.0, Setting::Doubt)?;
+        within(belief.lost_nat, 1.0, 1000.0, Setting::Doubt)?;
+        within(belief.turns_per_s, 0.0, 10.0, Setting::Turns)?;
+        let ChannelMemorySettings {
+            forgetting_per_s,
+            energy_walk_per_s,
+            noise_walk_per_s,
+            excess_walk_per_s,
+            place_ln,
+            hiding_per_s,
+        } = *channel;
+        for walk_per_s in [energy_walk_per_s, noise_walk_per_s, excess_walk_per_s] {
+            within(walk_per_s, 0.0, 100.0, Setting::ChannelMemory)?;
+        }
+        for value in [forgetting_per_s, place_ln, hiding_per_s] {
+            within(value, 0.0, 10.0, Setting::ChannelMemory)?;
+        }
         let DiscoverySettings { begin_below_m, resolved_hits, resolved_existence, resolved_weight } =
             *discovery_settings;
         within(begin_below_m, 1e-3, 1.0, Setting::DiscoveryBegin)?;

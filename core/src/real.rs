@@ -5,10 +5,10 @@
 //! is IEEE `+ - * /` in written order. `f32::max` and `f32::min` leave the sign of a zero result to the
 //! target, so [`larger`] and [`smaller`] replace them.
 
-/// Speed of light in vacuum, metres per second.
+/// Mathematics: speed of light in vacuum, metres per second.
 pub const SPEED_OF_LIGHT_M_S: f32 = 299_792_458.0;
 
-/// 2 pi.
+/// Mathematics: 2 pi.
 pub const TAU: f32 = core::f32::consts::TAU;
 
 /// Square root, correctly rounded; NaN for negative arguments.

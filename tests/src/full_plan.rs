@@ -6,7 +6,7 @@ use cogmint_core::config::Radio;
 use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, PlanningState, Visible};
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
-use cogmint_core::memory::channel::ChannelMemory;
+use cogmint_core::memory::channel::{ChannelMemory, ChannelMemorySettings};
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
@@ -75,7 +75,12 @@ impl Problem {
     /// Hash over the rewards of a horizon, as the firmware computes it.
     pub fn hash(&self, steps: usize) -> u64 {
         let library = Library::<ACTIONS>::new(&LIBRARY_WIDE).expect("is valid");
-        let mut memory = ChannelMemory::<ANCHORS, VAS, ACTIONS>::new(10.0, true, &library);
+        let mut memory = ChannelMemory::<ANCHORS, VAS, ACTIONS>::new(
+            ChannelMemorySettings::default(),
+            10.0,
+            true,
+            &library,
+        );
         let mut visible = Vec::new();
         for (index, seen) in self.sources.iter().enumerate() {
             let source = match index.checked_sub(ANCHORS) {

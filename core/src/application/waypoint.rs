@@ -424,7 +424,7 @@ mod tests {
     use super::*;
     use crate::Config;
     use crate::Tracker;
-    use crate::memory::channel::ChannelMemory;
+    use crate::memory::channel::{ChannelMemory, ChannelMemorySettings};
     use crate::model::anchor::Anchor;
     use crate::model::measurement::Measurement;
     use crate::model::motion::Motion;
@@ -492,7 +492,8 @@ mod tests {
     fn the_place_that_sees_the_uncertain_direction_wins_by_the_closed_form() {
         let (a, b) = (1e-4_f32, 4e-2_f32);
         let state = state(fixed(a, b));
-        let (memory, library) = (Memory::new(1e4, true, &library()), library());
+        let (memory, library) =
+            (Memory::new(ChannelMemorySettings::default(), 1e4, true, &library()), library());
         // Both candidates are a metre from the tag and from the anchor, which was never seen: the prior, everywhere.
         let anchor_m = [1.0, 1.0];
         let candidates = [[0.0, 1.0], [1.0, 0.0]];
@@ -528,7 +529,7 @@ mod tests {
     fn half_as_far_from_a_source_that_was_seen_is_ln_2_less_of_entropy() {
         let state = state(fixed(1.0, 1.0));
         let library = library();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         see(&mut memory, 0, 10.0);
         let entropy = |candidate: [f32; 2], speed_m_s: f32| {
             let settings = WaypointSettings { speed_m_s, ..settings(1.0) };
@@ -556,7 +557,7 @@ mod tests {
     #[test]
     fn the_expected_entropy_is_that_of_an_extended_kalman_filter_on_the_way() {
         let library = library();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         let (anchors_m, height_m) = ([[4.0, 3.0], [-2.0, 5.0], [1.0, -6.0]], 1.3_f32);
         for (anchor, sinr) in [(0, 200.0), (1, 30.0), (2, 8.0)] {
             see(&mut memory, anchor, sinr);
@@ -673,7 +674,7 @@ mod tests {
             if distance_m(here, goal) < 0.01 {
                 return (leg, places);
             }
-            let mut memory = Memory::new(10.0, true, &library);
+            let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
             for (anchor, place) in anchors_m.iter().enumerate() {
                 let distance = distance_m(here, *place);
                 see(&mut memory, anchor, 1e3 / (distance * distance + height_m * height_m));
@@ -716,7 +717,7 @@ mod tests {
     #[test]
     fn nobody_is_sent_into_an_anchor() {
         let library = library();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         see(&mut memory, 0, 100.0);
         let state = state(fixed(1.0, 1.0));
         let entropy = |x: f32, height_m: f32| {
@@ -737,7 +738,7 @@ mod tests {
     #[test]
     fn bad_input_is_named() {
         let library = library();
-        let memory = Memory::new(10.0, true, &library);
+        let memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         let good = settings(1.0);
         let tag = state(fixed(1.0, 1.0));
         let asked =

@@ -44,6 +44,7 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
 
     /// Learns from a cycle that earned this, plans and decides. `sources` are those expected to be visible.
     #[inline(never)]
+    #[allow(clippy::too_many_arguments)] // each is one thing that a choice depends on
     pub fn decide<const PATHS: usize>(
         &mut self,
         earned: f32,

@@ -3,7 +3,7 @@
 use crate::real::{larger, ln};
 use nalgebra::{Matrix2, Matrix4};
 
-/// ln(2 pi e), the entropy of a two-dimensional Gaussian of unit determinant.
+/// Mathematics: ln(2 pi e), the entropy of a two-dimensional Gaussian of unit determinant.
 const LN_TAU_E: f32 = 2.837_877;
 
 /// h = 1/2 ln det C + ln(2 pi e) of a position covariance C in square metres, from the logarithms of its pivots, so

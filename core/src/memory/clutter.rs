@@ -6,8 +6,9 @@ use crate::model::measurement::Ranging;
 use crate::perceptor::association::AssociationSettings;
 use crate::real::larger;
 
-/// How fast the number changes, as the variance of its walk per second over that of one count.
-const WALK_PER_S: f32 = 0.026;
+/// Guard: against forgetting in one scan: how fast the number changes, as the variance of its walk per second over that of one
+/// count.
+pub const WALK_PER_S: f32 = 0.026;
 
 /// Mean number of measurements per scan that belong to nothing known, by anchor.
 #[derive(Clone, Debug)]

@@ -13,18 +13,21 @@ use crate::real::smaller;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
-/// Existence above which a virtual anchor counts for planning and in reports.
+/// Mathematics: more probable than not: existence above which a virtual anchor counts for planning and in reports.
 pub const CONFIRMED: f32 = 0.5;
-/// Existence below which it is forgotten.
-const FORGOTTEN: f32 = 1e-3;
-/// What hides a virtual anchor that was never seen does so for a while, in which looking again tells nothing new: so many
-/// independent looks in a second.
-const LOOKS_PER_S: f32 = 2.0;
-/// Existence is never certain: a wall can be taken down.
-const MOST_CERTAIN: f32 = 0.999;
+/// Guard: against a full map: existence below which it is forgotten.
+pub const FORGOTTEN: f32 = 1e-3;
+/// Guard: against a plan erased by silence: what hides a virtual anchor that was never seen does so for a while, in which
+/// looking again tells nothing new: so many independent looks in a second.
+pub const LOOKS_PER_S: f32 = 2.0;
+/// Guard: against certainty, which no miss would change: a wall can be taken down.
+pub const MOST_CERTAIN: f32 = 0.999;
 
-/// Virtual anchors of one anchor that are nearer than this may be one, metres.
-const NEAR_M: f32 = 0.3;
+/// Guard: against two entries for one wall: virtual anchors of one anchor that are nearer than this may be one, metres.
+pub const NEAR_M: f32 = 0.3;
+
+/// Mathematics: prior probability that a virtual anchor exists of which a plan tells, or discovery: nine of ten.
+pub const TOLD: f32 = 0.9;
 
 /// Position of a virtual anchor (metres) and its covariance (square metres).
 pub type Placed = (Vector2<f32>, Matrix2<f32>);
@@ -242,7 +245,7 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
             }
         };
         let Some(slot) = slot else { return Admission::Full };
-        self.insert(slot, anchor, 0.9, 1);
+        self.insert(slot, anchor, TOLD, 1);
         Admission::Entered { slot, replaced }
     }
 }

@@ -110,9 +110,9 @@ pub struct MotionStep {
     pub noise: ProcessNoise,
 }
 
-/// Below this a = dt / tau, the closed form of Q_pp loses digits: its series is taken.
-const SERIES_BELOW: f32 = 0.5;
-/// Coefficients of the series of (a - 2 (1 - e^-a) + (1 - e^-2a) / 2) / a^3: of a^n, (-1)^n (2^(n+2) - 2) / (n + 3)!.
+/// Guard: against lost digits: below this a = dt / tau, the series of Q_pp is taken in place of its closed form.
+pub const SERIES_BELOW: f32 = 0.5;
+/// Mathematics: coefficients of the series of (a - 2 (1 - e^-a) + (1 - e^-2a) / 2) / a^3: of a^n, (-1)^n (2^(n+2) - 2) / (n + 3)!.
 const SERIES: [f32; 8] = [
     1.0 / 3.0,
     -1.0 / 4.0,

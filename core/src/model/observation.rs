@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 
-/// Largest sample magnitude accepted: energies times squared ranges, summed over a frame, stay finite in f32.
+/// Guard: against overflow: largest sample magnitude accepted: energies times squared ranges, summed over a frame, stay finite in f32.
 const LARGEST_SAMPLE: f32 = 1e12;
 
 /// Complex baseband sample: real and imaginary part.
@@ -145,7 +145,7 @@ pub struct Range {
     pub variance_m2: f32,
 }
 
-/// The most ranges that a scan may have: what an untrusted source can make a cycle look at.
+/// Capacity: the most ranges that a scan may have: what an untrusted source can make a cycle look at.
 pub const LONGEST_SCAN: usize = 4096;
 
 /// The ranges of one anchor in one cycle, in any order; which of them is the direct path is not known.

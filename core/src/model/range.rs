@@ -6,11 +6,11 @@
 use super::source::Source;
 use crate::real::{abs, larger, sqrt};
 
-/// Least variance that sigma points are spread by, square metres: guard of the division by their spread.
+/// Guard: against the division by their spread: least variance that sigma points are spread by, square metres.
 pub const SMALLEST_SPREAD_M2: f32 = 1e-12;
-/// Shortest range divided by, metres: guard of the slope of a range of no length.
+/// Guard: against the slope of a range of no length: shortest range divided by, metres.
 const SHORTEST_M: f32 = 1e-6;
-/// Spread of the sigma points, standard deviations.
+/// Mathematics: spread of the sigma points, standard deviations.
 pub const SIGMA_POINT: f32 = 1.732_050_8;
 /// Guard: against the division by it: least squared radius of the circle that a range leaves of a height, square metres.
 pub const LEAST_RADIUS2_M2: f32 = 1e-4;

@@ -23,10 +23,11 @@ pub const DEVIATION_LN: f32 = 0.4;
 pub const MOST_LN: f32 = 10.0;
 /// Mathematics: odds of no rise at no deviation: prior 49 to 1, and the density of the normal distribution over that of the even one.
 pub const ODDS: f32 = 49.0 * MOST_LN / (2.5066 * DEVIATION_LN);
-/// How fast the mean changes, as the variance of its walk per second over that of one frame; it follows within 1 nat, and by this share of that where the noise has changed for certain, or an
+/// Guard: against following a rise before it is told from one of the noise: how fast the mean changes, as the variance of its walk per second over that of one frame; it follows within 1 nat, and by this share of that where the noise has changed for certain, or an
 /// interferer stands out.
-const WALK_PER_S: f32 = 0.11;
-const CHANGED_SHARE: f32 = 0.1;
+pub const WALK_PER_S: f32 = 0.11;
+/// Guard: that share.
+pub const CHANGED_SHARE: f32 = 0.1;
 
 /// What is known of the frames of one anchor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -40,11 +40,12 @@ use crate::perceptor::association::outcome::Innovation;
 use crate::real::{larger, sqrt};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 
-/// Relative growth of every variance before the updates of a cycle, 2^-19: guard against their rounding.
-const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
-/// Largest variance of a velocity, (1 km/s)^2, and of a virtual anchor's coordinate, (1 km)^2.
-const VELOCITY_LIMIT: f32 = 1e6;
-const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
+/// Guard: against the rounding of the updates of a cycle: relative growth of every variance before them, 2^-19.
+pub const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
+/// Guard: against overflow: largest variance of a velocity, (1 km/s)^2.
+pub const VELOCITY_LIMIT: f32 = 1e6;
+/// Guard: against overflow: largest variance of a virtual anchor's coordinate, (1 km)^2.
+pub const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
 /// Joint covariance in blocks. Of C_aa, the blocks with l <= k are kept.
 #[derive(Clone, Debug)]
 struct Covariance<const ANCHORS: usize, const VAS: usize> {
@@ -72,7 +73,7 @@ struct Pending<const VAS: usize, const N: usize> {
     w: [[Vector2<f32>; N]; VAS],
 }
 
-/// So many changes of C_aa are made in one pass: as many as the registers hold.
+/// Capacity: so many changes of C_aa are made in one pass: as many as the registers hold.
 const CHANGES_PER_PASS: usize = 4;
 
 impl<const VAS: usize, const N: usize> Pending<VAS, N> {

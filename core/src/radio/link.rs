@@ -10,11 +10,11 @@
 
 /// Guard: against ends that wait for each other: frames lost in a row after which an end goes to the rendezvous. The same at both
 /// ends, so no setting of one.
-const LOST_FRAMES: u32 = 3;
+pub const LOST_FRAMES: u32 = 3;
 /// Guard: against an anchor that is left behind: cycles that the others wait at the rendezvous for one that is gone, the way there counted in.
-const CALL: u32 = 5;
+pub const CALL: u32 = 5;
 /// Guard: against calling without end one that is out of reach: cycles from one call to the next.
-const CALL_AGAIN: u32 = 64;
+pub const CALL_AGAIN: u32 = 64;
 
 /// One end of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,7 @@ use crate::error::{Error, Setting};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
-use crate::memory::environment::EnvironmentMemory;
+use crate::memory::environment::{EnvironmentMemory, TOLD};
 use crate::model::anchor::{Anchor, MappedVirtualAnchor};
 use crate::model::observation::{Observation, TagHeight};
 use crate::observer::{Observer, Stage};
@@ -59,18 +59,29 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         Ok(Self {
             receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
-            belief: TagBelief::new(config.motion, start.velocity_std_m_s, start.agent(), config.acquisition),
+            belief: TagBelief::new(
+                config.motion,
+                start.velocity_std_m_s,
+                start.agent(),
+                config.acquisition,
+                config.belief,
+            ),
             filter: Self::filter_at_start(&config, map),
             environment: {
                 let mut environment = EnvironmentMemory::default();
                 for (slot, mapped) in map.iter().enumerate() {
-                    environment.insert(slot, mapped.anchor, 0.9, 0);
+                    environment.insert(slot, mapped.anchor, TOLD, 0);
                 }
                 environment
             },
             discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
-            channel: ChannelMemory::new(config.controller.prior_sinr, config.controller.neighbours, &library),
+            channel: ChannelMemory::new(
+                config.channel,
+                config.controller.prior_sinr,
+                config.controller.neighbours,
+                &library,
+            ),
             controllers: Controllers::new(config.controller, checked.len(), &library, seed),
             config,
             anchors: checked,

@@ -141,7 +141,12 @@ pub(super) fn expect<'a, const ANCHORS: usize, const VAS: usize, const PATHS: us
     filter.disturb(&ProcessNoise::of_turn(speed_m_s * speed_m_s, elapsed_s));
     let known = Known { filter, environment, channel, clutter };
     let widened = known.expect_all(told, scans);
-    if is_manoeuvre(motion_nat, total_evidence_nat(&widened, clutter), elapsed_s) {
+    if is_manoeuvre(
+        motion_nat,
+        total_evidence_nat(&widened, clutter),
+        told.config.belief.turns_per_s,
+        elapsed_s,
+    ) {
         return widened;
     }
     filter.undisturb(&predicted);

@@ -13,7 +13,7 @@ use cogmint_core::config::Radio;
 use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, PlanningState, Visible};
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
-use cogmint_core::memory::channel::ChannelMemory;
+use cogmint_core::memory::channel::{ChannelMemory, ChannelMemorySettings};
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
@@ -56,7 +56,7 @@ fn run(slot: &mut MaybeUninit<Memory>) -> Result<(), Fault> {
     }
     let outlook = outlook(&mut feed)?;
     let library = Library::<ACTIONS>::new(&LIBRARY_WIDE).map_err(|_| Fault(b"error refused library\n"))?;
-    let memory = slot.write(Memory::new(10.0, true, &library));
+    let memory = slot.write(Memory::new(ChannelMemorySettings::default(), 10.0, true, &library));
     let mut visible: Vec<Visible, SOURCES> = Vec::new();
     for index in 0..SOURCES {
         let source = match index.checked_sub(ANCHORS) {

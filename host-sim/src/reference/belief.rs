@@ -7,12 +7,14 @@ use super::real::{Real, smaller, square};
 use super::zeros;
 use cogmint_core::Config;
 use cogmint_core::perceptor::belief::acquisition::AcquisitionSettings;
+use cogmint_core::perceptor::belief::loss::BeliefSettings;
 
 /// The belief.
 #[derive(Clone, Debug)]
 pub struct Belief<T> {
     position_std_limit_m: T,
-    settings: AcquisitionSettings,
+    acquiring: AcquisitionSettings,
+    settings: BeliefSettings,
     /// Variance of a velocity of which nothing is known, per axis.
     speed_m2_s2: T,
     anchors: usize,
@@ -26,11 +28,11 @@ impl<T: Real> Belief<T> {
     /// The tag is somewhere around the prior.
     pub fn new(config: &Config, prior: Agent<T>, anchors: usize) -> Self {
         let speed_m2_s2 = square(T::of(config.start.velocity_std_m_s));
-        let settings = config.acquisition;
-        let acquisition = Some(Acquisition::new(prior, speed_m2_s2, anchors, settings));
+        let (acquiring, settings) = (config.acquisition, config.belief);
+        let acquisition = Some(Acquisition::new(prior, speed_m2_s2, anchors, acquiring));
         let position_std_limit_m = T::of(config.motion.position_std_limit_m);
         let loss = LossMonitor::new();
-        Self { position_std_limit_m, settings, speed_m2_s2, anchors, acquisition, loss }
+        Self { position_std_limit_m, acquiring, settings, speed_m2_s2, anchors, acquisition, loss }
     }
 
     /// Whether it is not known where the tag is.
@@ -40,7 +42,7 @@ impl<T: Real> Belief<T> {
 
     /// The map must not be judged from where the tag is believed to be.
     pub fn is_doubtful(&self) -> bool {
-        self.loss.is_doubtful()
+        self.loss.is_doubtful(&self.settings)
     }
 
     /// A step of `dt` seconds later. After a gap the tag is between where it was and where its velocity would have brought it.
@@ -70,7 +72,7 @@ impl<T: Real> Belief<T> {
             prior.covariance[v][v] = velocity_m2_s2[axis];
         }
         self.loss = LossMonitor::new();
-        self.acquisition = Some(Acquisition::new(prior, self.speed_m2_s2, self.anchors, self.settings));
+        self.acquisition = Some(Acquisition::new(prior, self.speed_m2_s2, self.anchors, self.acquiring));
     }
 
     /// Weighs the places the tag may be at; where it is taken to be, if anything was heard. Once there is only one place, it is
@@ -95,7 +97,7 @@ impl<T: Real> Belief<T> {
             return false;
         }
         self.loss.observe(evidence_nat);
-        let lost = self.loss.is_lost();
+        let lost = self.loss.is_lost(&self.settings);
         if lost {
             let reach = self.position_std_limit_m;
             let position_m = [believed.mean[PX], believed.mean[PY]];

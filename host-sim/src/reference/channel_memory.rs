@@ -13,22 +13,12 @@ use super::association::Measurement;
 use super::clock::{gain, probability};
 use super::controller::Library;
 use super::real::{Real, abs, exp, larger, limited, ln, smaller, square};
+use cogmint_core::memory::channel::{
+    ChannelMemorySettings, EXCESS_JUMP, EXCESS_NEWS, JUMP_LN, JUMP_WIDTH_LN, LEAST_SINR_LN, MOST_ENERGY_LN,
+    MOST_SINR_LN, USUAL_FALL_PER_S, USUAL_RISE_PER_S,
+};
 use cogmint_core::model::source::Source;
 use std::fmt;
-
-/// Walks of levels: variance per second over that of one frame.
-const ENERGY_WALK_PER_S: f32 = 0.26;
-const NOISE_WALK_PER_S: f32 = 0.5;
-const USUAL_FALL_PER_S: f32 = 0.026;
-const USUAL_RISE_PER_S: f32 = 0.001;
-const EXCESS_WALK_PER_S: f32 = 0.01;
-const FORGETTING_PER_S: f32 = 0.02;
-const TURNS_PER_S: f32 = 0.1;
-const PLACE: f32 = 0.7;
-const EXCESS_NEWS: f32 = 0.5;
-const EXCESS_JUMP: f32 = 0.6;
-const JUMP_FROM: f32 = 0.6;
-const JUMP_WIDTH: f32 = 0.4;
 
 /// One source.
 #[derive(Clone, Debug)]
@@ -78,7 +68,7 @@ pub struct Received<T> {
 
 /// The jump that a mean change of ln noise is.
 pub fn jump<T: Real>(change_ln: T) -> T {
-    limited((abs(change_ln) - T::of(JUMP_FROM)) / T::of(JUMP_WIDTH), T::ZERO, T::ONE)
+    limited((abs(change_ln) - T::of(JUMP_LN)) / T::of(JUMP_WIDTH_LN), T::ZERO, T::ONE)
 }
 
 fn power_ln<T: Real>(power: T) -> T {
@@ -88,6 +78,7 @@ fn power_ln<T: Real>(power: T) -> T {
 /// All sources.
 #[derive(Clone, Debug)]
 pub struct ChannelMemory<T> {
+    settings: ChannelMemorySettings,
     direct: Vec<Row<T>>,
     virtual_anchors: Vec<Row<T>>,
     /// By anchor and action: frames heard and not forgotten.
@@ -103,6 +94,7 @@ impl<T: Real> ChannelMemory<T> {
     /// An empty memory of `[anchors, slots, actions]`.
     pub fn new(
         [anchors, slots, actions]: [usize; 3],
+        settings: ChannelMemorySettings,
         prior_sinr: T,
         neighbours: bool,
         library: &Library<T>,
@@ -112,6 +104,7 @@ impl<T: Real> ChannelMemory<T> {
             loss_ln[c] = T::of(2.0) * ln(library.carrier_hz(c) / library.carrier_hz(0));
         }
         Self {
+            settings,
             direct: vec![Row::empty(actions); anchors],
             virtual_anchors: vec![Row::empty(actions); slots],
             heard: vec![vec![T::ZERO; actions]; anchors],
@@ -149,8 +142,8 @@ impl<T: Real> ChannelMemory<T> {
     /// `dt` seconds pass: frames are forgotten; what is visible hides, and the other way round.
     pub fn predict(&mut self, dt: T) {
         // A symmetric chain forgets its state at twice the rate of its turns.
-        let turned = T::of(0.5) * probability(2.0 * TURNS_PER_S, dt);
-        let kept = T::ONE - probability(FORGETTING_PER_S, dt);
+        let turned = T::of(0.5) * probability(2.0 * self.settings.hiding_per_s, dt);
+        let kept = T::ONE - probability(self.settings.forgetting_per_s, dt);
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
             if row.is_seen() {
                 row.visibility += turned * (T::ONE - T::of(2.0) * row.visibility);
@@ -179,10 +172,11 @@ impl<T: Real> ChannelMemory<T> {
 
     /// Enters the level of noise at a source's range.
     pub fn remember_noise(&mut self, source: Source, received: &Received<T>, [range_m, level]: [T; 2]) {
+        let settings = self.settings;
         let action = received.action;
         let now_ln = power_ln(level);
         let dt = received.elapsed_s;
-        let steady = gain(EXCESS_WALK_PER_S, dt) + T::of(EXCESS_NEWS) * self.news(source, action);
+        let steady = gain(settings.excess_walk_per_s, dt) + T::of(EXCESS_NEWS) * self.news(source, action);
         let rate = larger(T::of(EXCESS_JUMP) * received.jump, steady);
         let of_direct = self.direct[source.anchor()].excess_ln.clone();
         let row = self.row_mut(source);
@@ -196,11 +190,11 @@ impl<T: Real> ChannelMemory<T> {
         let change = now_ln - (before_ln + row.excess_ln[action]);
         // The place takes a part, up to 0.7 nat above the usual; the rest is interference.
         let rest = (T::ONE - rate) * change;
-        let mut noise_ln = before_ln + gain(NOISE_WALK_PER_S, dt) * (T::ONE - received.jump) * rest;
-        let above = larger(noise_ln - (row.usual_ln + T::of(PLACE)), T::ZERO);
+        let mut noise_ln = before_ln + gain(settings.noise_walk_per_s, dt) * (T::ONE - received.jump) * rest;
+        let above = larger(noise_ln - (row.usual_ln + T::of(settings.place_ln)), T::ZERO);
         let entered = rate * change + above;
         noise_ln -= above;
-        let kept = T::ONE - probability(FORGETTING_PER_S, dt);
+        let kept = T::ONE - probability(settings.forgetting_per_s, dt);
         for c in 0..row.excess_ln.len() {
             row.excess_ln[c] = kept * row.excess_ln[c] + received.shares[c] * entered;
         }
@@ -212,7 +206,7 @@ impl<T: Real> ChannelMemory<T> {
     /// What was thought quiet with the action of these shares was not, by this.
     pub fn unmask(&mut self, source: Source, shares: &[T], excess_ln: T) {
         let row = self.row_mut(source);
-        row.energy_ln = smaller(row.energy_ln + excess_ln, T::of(69.0));
+        row.energy_ln = smaller(row.energy_ln + excess_ln, T::of(MOST_ENERGY_LN));
         for (excess, share) in row.excess_ln.iter_mut().zip(shares) {
             *excess += *share * excess_ln;
         }
@@ -221,9 +215,10 @@ impl<T: Real> ChannelMemory<T> {
 
     /// Enters a path that belongs to `source` with probability `weight`.
     pub fn remember(&mut self, source: Source, received: &Received<T>, path: &Measurement<T>, weight: T) {
+        let settings = self.settings;
         let now_ln = self.standard_ln(received.action, path);
         let familiar = T::ONE - self.news(source, received.action);
-        let familiar = gain(ENERGY_WALK_PER_S, received.elapsed_s) * familiar * weight;
+        let familiar = gain(settings.energy_walk_per_s, received.elapsed_s) * familiar * weight;
         let row = self.row_mut(source);
         let by_count = weight / (row.paths + weight + T::of(1e-6));
         row.energy_ln += larger(familiar, by_count) * (now_ln - row.energy_ln);
@@ -272,7 +267,7 @@ impl<T: Real> ChannelMemory<T> {
     /// ln SINR expected of a source with an action, between 1e-3 and 1e12.
     pub fn sinr_ln(&self, source: Source, action: usize) -> T {
         let row = self.row(source);
-        let bounded = |ln: T| limited(ln, T::of(-6.9), T::of(27.6));
+        let bounded = |ln: T| limited(ln, T::of(LEAST_SINR_LN), T::of(MOST_SINR_LN));
         if !row.is_seen() {
             return bounded(self.prior_ln - self.loss_ln[action] - row.excess_ln[action]);
         }

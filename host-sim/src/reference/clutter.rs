@@ -4,9 +4,7 @@ use super::association::Clutter;
 use super::clock::gain;
 use super::real::{Real, larger};
 use cogmint_core::config::{AssociationSettings, Ranging};
-
-/// Walk of the number: variance per second over that of one count.
-const WALK_PER_S: f32 = 0.026;
+use cogmint_core::memory::clutter::WALK_PER_S;
 
 /// The memory.
 #[derive(Clone, Debug)]

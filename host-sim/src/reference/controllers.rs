@@ -5,11 +5,7 @@ use super::controller::{Controller, Library, Outcome, Outlook, Prospect, Visible
 use super::real::Real;
 use super::receiver::{Link, Scan};
 use cogmint_core::config::ControllerSettings;
-
-/// Frames lost in a row before an anchor is called, cycles between calls, and cycles of a call.
-const MISSED: u32 = 3;
-const CALL_EVERY: u32 = 64;
-const CALL_LASTS: u32 = 5;
+use cogmint_core::radio::link::{CALL, CALL_AGAIN, LOST_FRAMES};
 
 /// The controllers.
 #[derive(Clone, Debug)]
@@ -79,7 +75,8 @@ impl<T: Real> Controllers<T> {
             let answered = scans.iter().any(|scan| scan.anchor == anchor);
             *missing = if answered { 0 } else { missing.saturating_add(1) };
         }
-        let is_called = |&missing: &u32| missing >= MISSED && (missing - MISSED) % CALL_EVERY < CALL_LASTS;
+        let is_called =
+            |&missing: &u32| missing >= LOST_FRAMES && (missing - LOST_FRAMES) % CALL_AGAIN < CALL;
         let called = common && self.missing[..self.anchors].iter().any(is_called);
         let mut decision = Decision { applied: self.all[0].action, next: 0 };
         for index in 0..self.all.len() {

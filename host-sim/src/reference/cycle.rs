@@ -19,6 +19,7 @@ use super::real::{Real, smaller, square};
 use super::receiver::{AnchorEstimate, Receiver, Scan};
 use super::remember::Memories;
 use super::state_filter::{Prior, StateFilter};
+use cogmint_core::memory::environment::TOLD;
 use cogmint_core::model::observation::{Observation, TagHeight};
 use cogmint_core::radio::library::Action;
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
@@ -121,12 +122,13 @@ impl<T: Real> Reference<T> {
         for slot in 0..map.len() {
             let std_m = if config.exact_map { 0.0 } else { map[slot].std_m };
             filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(std_m));
-            environment.insert(slot, map[slot].anchor, T::of(0.9), 0);
+            environment.insert(slot, map[slot].anchor, T::of(TOLD), 0);
         }
         let library = Library::new(actions);
         let first = library.pulse(config.controller.first_action, &config.radio);
         let channel = ChannelMemory::new(
             [capacity.anchors, capacity.virtual_anchors, capacity.actions],
+            config.channel,
             T::of(config.controller.prior_sinr),
             config.controller.neighbours,
             &library,
@@ -201,7 +203,7 @@ impl<T: Real> Reference<T> {
             let widened = all(filter);
             let [motion, manoeuvre] =
                 [&expected, &widened].map(|expected| total_evidence_nat(&scans, expected, clutter));
-            if is_manoeuvre(motion, manoeuvre, unheard_s) {
+            if is_manoeuvre(motion, manoeuvre, config.belief.turns_per_s, unheard_s) {
                 expected = widened;
             } else {
                 filter.set_agent_covariance(&before);

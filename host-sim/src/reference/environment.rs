@@ -5,17 +5,10 @@
 
 use super::clock::probability;
 use super::real::{Real, smaller};
+pub use cogmint_core::memory::environment::CONFIRMED;
+use cogmint_core::memory::environment::{FORGOTTEN, LOOKS_PER_S, MOST_CERTAIN};
 use cogmint_core::model::source::Source;
 use cogmint_core::perceptor::expectation::Sighting;
-
-/// Existence above which a virtual anchor counts.
-pub const CONFIRMED: f32 = 0.5;
-/// Existence below which it is forgotten.
-const FORGOTTEN: f32 = 1e-3;
-/// Independent looks per second at what hides one that was never seen.
-const LOOKS_PER_S: f32 = 2.0;
-/// No virtual anchor is more certain than this.
-const MOST_CERTAIN: f32 = 0.999;
 
 /// One virtual anchor.
 #[derive(Clone, Copy, Debug)]

@@ -13,11 +13,10 @@
 use super::clock::gain;
 use super::real::{Real, exp, larger, limited, ln, square};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::gain_control::{DEVIATION_LN, MOST_LN, ODDS, STANDS_OUT};
+use cogmint_core::perceptor::gain_control::{
+    CHANGED_SHARE, DEVIATION_LN, MOST_LN, ODDS, STANDS_OUT, WALK_PER_S,
+};
 use std::fmt;
-
-const WALK_PER_S: f32 = 0.11;
-const CHANGED_SHARE: f32 = 0.1;
 
 /// One anchor's frames.
 #[derive(Clone, Copy, Debug)]

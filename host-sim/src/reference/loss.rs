@@ -2,13 +2,9 @@
 
 use super::association::{Clutter, Expectation, Measurement, is_earlier};
 use super::real::{Real, abs, exp, larger, ln, sqrt, square, tau};
-
-/// Spread of the paths of a tag that is elsewhere, metres.
-const ELSEWHERE_M: f32 = 1.0;
-const GATE2: f32 = 16.0;
-const DOUBTFUL_NAT: f32 = 3.0;
-const LOST_NAT: f32 = 15.0;
-const WIDEST_M2: f32 = 2.0;
+use cogmint_core::perceptor::association::evidence::ELSEWHERE_M;
+use cogmint_core::perceptor::association::factors::GATE;
+use cogmint_core::perceptor::belief::loss::{BeliefSettings, WIDEST_M2};
 
 /// What speaks against the place.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +38,7 @@ pub fn evidence_nat<T: Real>(
             let shown = feature.existence * feature.detection;
             let squared = square(z.range_m - feature.range_m);
             let variance = feature.variance_m2 + z.variance_m2;
-            if squared < T::of(GATE2) * variance && (k == 0 || !earlier) {
+            if squared < square(T::of(GATE)) * variance && (k == 0 || !earlier) {
                 here += shown * exp(T::of(-0.5) * (squared / variance)) / sqrt(tau::<T>() * variance);
             }
             // Cauchy.
@@ -65,13 +61,13 @@ impl<T: Real> LossMonitor<T> {
     }
 
     /// The map must not be judged from here.
-    pub fn is_doubtful(&self) -> bool {
-        self.doubt_nat > T::of(DOUBTFUL_NAT)
+    pub fn is_doubtful(&self, settings: &BeliefSettings) -> bool {
+        self.doubt_nat > T::of(settings.doubtful_nat)
     }
 
     /// The tag is elsewhere.
-    pub fn is_lost(&self) -> bool {
-        self.doubt_nat > T::of(LOST_NAT)
+    pub fn is_lost(&self, settings: &BeliefSettings) -> bool {
+        self.doubt_nat > T::of(settings.lost_nat)
     }
 
     /// Too uncertain for one Gaussian.

@@ -6,11 +6,7 @@
 
 use super::clock::probability;
 use super::real::{Real, larger, ln};
-
-const TURNS_PER_S: f32 = 0.2;
-const LIKELY: f32 = 0.5;
-const NEAR: f32 = 4.0;
-const ENOUGH: f32 = 0.7;
+use cogmint_core::perceptor::belief::manoeuvre::{ENOUGH, LIKELY, NEAR};
 
 /// Whether the prediction is to be doubted: per direct path its detection probability, and the smallest normalised innovation
 /// squared of any measurement, where there is one.
@@ -28,7 +24,7 @@ pub fn is_doubtful<T: Real>(paths: &[(T, Option<T>)]) -> bool {
 }
 
 /// Whether the manoeuvre wins, after `dt` seconds.
-pub fn is_manoeuvre<T: Real>(motion_nat: T, manoeuvre_nat: T, dt: T) -> bool {
-    let turned = probability(TURNS_PER_S, dt);
+pub fn is_manoeuvre<T: Real>(motion_nat: T, manoeuvre_nat: T, turns_per_s: f32, dt: T) -> bool {
+    let turned = probability(turns_per_s, dt);
     manoeuvre_nat - motion_nat > ln((T::ONE - turned) / larger(turned, T::of(1e-9)))
 }

@@ -9,12 +9,8 @@ use super::known::{Known, Told};
 use super::real::{Real, square};
 use super::receiver::Scan;
 use super::state_filter::StateFilter;
+use cogmint_core::memory::environment::{NEAR_M, TOLD};
 use cogmint_core::model::source::Source;
-
-/// Virtual anchors nearer than this may be one, metres.
-const NEAR_M: f32 = 0.3;
-/// Existence of one that was just discovered, which counts as seen once.
-const DISCOVERED: f32 = 0.9;
 
 /// What happened to the map in a cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -141,7 +137,7 @@ impl<T: Real> Map<'_, T> {
             },
         };
         self.filter.insert_relative(slot, found.position_m, found.gain, found.covariance_m2);
-        self.environment.insert(slot, scan.anchor, T::of(DISCOVERED), 1);
+        self.environment.insert(slot, scan.anchor, T::of(TOLD), 1);
         changes.discovered += 1;
     }
 

@@ -9,7 +9,7 @@
 
 use super::Matrix;
 use super::real::{Real, exp, exp_m1, square};
-use cogmint_core::model::motion::Motion;
+use cogmint_core::model::motion::{Motion, SERIES_BELOW};
 
 /// Indices of the tag's states.
 pub const PX: usize = 0;
@@ -23,7 +23,6 @@ pub const VY: usize = 3;
 pub const AGENT: usize = 4;
 
 /// Below this a, the share of Q_pp is taken as a series of so many terms.
-const SERIES_BELOW: f32 = 0.5;
 const TERMS: usize = 8;
 
 /// The tag alone: its four states and their covariance.

@@ -16,13 +16,9 @@ use super::soft_update::{Moments, SoftUpdate};
 use super::{Matrix, zeros};
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
+use cogmint_core::perceptor::state_filter::{ROUNDING_MARGIN, VELOCITY_LIMIT, VIRTUAL_ANCHOR_LIMIT_M2};
 use std::fmt;
 
-/// Growth of every variance before the updates of a cycle, to cover their rounding.
-const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
-/// Largest variance of a velocity and of a virtual anchor's coordinate.
-const VELOCITY_LIMIT: f32 = 1e6;
-const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
 /// What the measurements of one feature amount to.
 #[derive(Clone, Copy, Debug)]
 pub struct Innovation<T> {

@@ -28,33 +28,63 @@ use crate::model::source::Source;
 use crate::radio::library::Library;
 use crate::real::{abs, exp, larger, limited, ln, smaller};
 
-/// How fast frames heard and interference are forgotten, per second: half in 35 seconds.
-const FORGETTING_PER_S: f32 = 0.02;
-/// How fast levels change, each as the variance of its walk per second over that of one frame: the energy of a source; the
-/// noise where its path arrives; its usual noise, down and up; and the excess of an action that is familiar.
-const ENERGY_WALK_PER_S: f32 = 0.26;
-const NOISE_WALK_PER_S: f32 = 0.5;
-const USUAL_FALL_PER_S: f32 = 0.026;
-const USUAL_RISE_PER_S: f32 = 0.001;
-const EXCESS_WALK_PER_S: f32 = 0.01;
-/// How far the place alone raises noise above the usual, as ln: what goes on rising beyond that, however slowly, is
-/// interference.
-const PLACE_LN: f32 = 0.7;
-/// How much faster the excess of an unknown action follows, and any one when interference comes or goes.
-const EXCESS_NEWS: f32 = 0.5;
-const EXCESS_JUMP: f32 = 0.6;
-/// Mean change of an anchor's noise, as ln, from which on it is interference in part, and over which it becomes so as a
-/// whole.
-const JUMP_LN: f32 = 0.6;
-const JUMP_WIDTH_LN: f32 = 0.4;
-/// How often a source hides, or comes out, per second.
-const TURNS_PER_S: f32 = 0.1;
-/// Bounds of ln SINR (1e-3 to 1e12).
-const LEAST_SINR_LN: f32 = -6.9;
-const MOST_SINR_LN: f32 = 27.6;
+/// How the channel memory follows what it hears.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ChannelMemorySettings {
+    /// How fast frames heard and interference are forgotten, per second (0 to 10). More: a carrier that was left is tried again
+    /// sooner. Less: known interference is avoided longer. Between the 0.005 and 0.05 that suited cycles of 1 and 0.1 s.
+    pub forgetting_per_s: f32,
+    /// How fast the energy of a source changes, as the variance of its walk per second over that of one frame (0 to 100). More
+    /// follows a moving tag faster and averages less. Chosen so that at 10 Hz 15 % of a deviation is followed.
+    pub energy_walk_per_s: f32,
+    /// The same of the noise where its path arrives (0 to 100): 20 % at 10 Hz.
+    pub noise_walk_per_s: f32,
+    /// The same of the excess of noise at a familiar action (0 to 100): 3 % at 10 Hz. More blames the carrier for what changes
+    /// slowly, less the place.
+    pub excess_walk_per_s: f32,
+    /// How far the place alone raises noise above the usual, as ln (0 to 10): what goes on rising beyond that, however slowly, is
+    /// interference. Chosen on development rooms.
+    pub place_ln: f32,
+    /// How often a source hides, or comes out, per second (0 to 10). More: misses are taken for hiding, and a path that was
+    /// missed is expected again sooner. Between the 0.02 and 0.2 that suited cycles of 1 and 0.1 s.
+    pub hiding_per_s: f32,
+}
 
-/// Most that ln of an energy is raised to (1e30), so that its exponential is finite.
-const MOST_ENERGY_LN: f32 = 69.0;
+impl Default for ChannelMemorySettings {
+    fn default() -> Self {
+        Self {
+            forgetting_per_s: 0.02,
+            energy_walk_per_s: 0.26,
+            noise_walk_per_s: 0.5,
+            excess_walk_per_s: 0.01,
+            place_ln: 0.7,
+            hiding_per_s: 0.1,
+        }
+    }
+}
+
+/// Guard: against taking the usual noise for what it is at a place: it falls and rises more slowly than the noise, 20 and 500
+/// times at the defaults.
+pub const USUAL_FALL_PER_S: f32 = 0.026;
+/// Guard: the same, rising.
+pub const USUAL_RISE_PER_S: f32 = 0.001;
+/// Mathematics: share of a deviation that an action never heard before takes over: half, between the place's and its own.
+pub const EXCESS_NEWS: f32 = 0.5;
+/// Guard: against following a single frame blindly when interference comes or goes.
+pub const EXCESS_JUMP: f32 = 0.6;
+/// Mathematics: mean change of an anchor's noise, as ln, from which on it is interference in part: that of a median of a few
+/// exponentially distributed powers.
+pub const JUMP_LN: f32 = 0.6;
+/// Mathematics: and over which it becomes so as a whole.
+pub const JUMP_WIDTH_LN: f32 = 0.4;
+/// Guard: against overflow: bounds of ln SINR (1e-3 to 1e12).
+pub const LEAST_SINR_LN: f32 = -6.9;
+/// Guard: the upper one.
+pub const MOST_SINR_LN: f32 = 27.6;
+
+/// Guard: against overflow: most that ln of an energy is raised to (1e30).
+pub const MOST_ENERGY_LN: f32 = 69.0;
 
 /// How much a sample at one action tells of every action: 1 at its own, 0 to 1 at the others.
 pub type Shares<const ACTIONS: usize> = [f32; ACTIONS];
@@ -115,6 +145,7 @@ pub struct ChannelMemory<const ANCHORS: usize, const VAS: usize, const ACTIONS: 
     virtual_anchors: [Row<ACTIONS>; VAS],
     /// Effective number of frames of an anchor at an action, neighbours and age counted in.
     heard: [[f32; ACTIONS]; ANCHORS],
+    settings: ChannelMemorySettings,
     prior_ln: f32,
     neighbours: bool,
     full_band: bool,
@@ -126,7 +157,12 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     /// An empty memory. `prior_sinr` (linear) is assumed of sources never seen, at the carrier of the first action;
     /// with `neighbours`, actions tell of those whose spectra they overlap.
     #[inline(always)] // built where it stays
-    pub fn new(prior_sinr: f32, neighbours: bool, library: &Library<ACTIONS>) -> Self {
+    pub fn new(
+        settings: ChannelMemorySettings,
+        prior_sinr: f32,
+        neighbours: bool,
+        library: &Library<ACTIONS>,
+    ) -> Self {
         let reference_hz = library.get(0).map_or(1.0, |first| first.carrier_hz);
         let mut loss_ln = [0.0; ACTIONS];
         for (action, loss) in loss_ln.iter_mut().enumerate() {
@@ -138,6 +174,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             direct: [Row::default(); ANCHORS],
             virtual_anchors: [Row::default(); VAS],
             heard: [[0.0; ACTIONS]; ANCHORS],
+            settings,
             prior_ln: ln(prior_sinr),
             neighbours,
             full_band: false,
@@ -183,8 +220,8 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     /// Time passes: counts of frames are forgotten, and what was visible may have gone behind something, or come out.
     pub fn predict(&mut self, elapsed_s: f32) {
         // A symmetric two-state chain forgets its state at twice the rate at which it turns.
-        let turned = 0.5 * probability(2.0 * TURNS_PER_S, elapsed_s);
-        let kept = 1.0 - probability(FORGETTING_PER_S, elapsed_s);
+        let turned = 0.5 * probability(2.0 * self.settings.hiding_per_s, elapsed_s);
+        let kept = 1.0 - probability(self.settings.forgetting_per_s, elapsed_s);
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors).filter(|row| row.is_seen()) {
             row.visibility += turned * (1.0 - 2.0 * row.visibility);
         }
@@ -220,6 +257,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             return;
         }
         let level_ln = level_ln(level);
+        let settings = self.settings;
         let news = self.news(source.anchor(), action);
         // A virtual anchor begins with what disturbs the direct path of its anchor.
         let excess_ln = self.direct.get(source.anchor()).map_or([0.0; ACTIONS], |direct| direct.excess_ln);
@@ -234,12 +272,13 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             }
         };
         let innovation = level_ln - (noise_ln + row.excess_ln(action));
-        let rate = larger(EXCESS_JUMP * jump, gain(EXCESS_WALK_PER_S, elapsed_s) + EXCESS_NEWS * news);
-        let noise_ln =
-            noise_ln + gain(NOISE_WALK_PER_S, elapsed_s) * (1.0 - jump) * ((1.0 - rate) * innovation);
-        let above = larger(noise_ln - (row.usual_ln + PLACE_LN), 0.0);
+        let rate =
+            larger(EXCESS_JUMP * jump, gain(settings.excess_walk_per_s, elapsed_s) + EXCESS_NEWS * news);
+        let noise_ln = noise_ln
+            + gain(settings.noise_walk_per_s, elapsed_s) * (1.0 - jump) * ((1.0 - rate) * innovation);
+        let above = larger(noise_ln - (row.usual_ln + settings.place_ln), 0.0);
         let entered = rate * innovation + above;
-        let kept = 1.0 - probability(FORGETTING_PER_S, elapsed_s);
+        let kept = 1.0 - probability(settings.forgetting_per_s, elapsed_s);
         for (excess, share) in row.excess_ln.iter_mut().zip(shares) {
             *excess = kept * *excess + share * entered;
         }
@@ -275,10 +314,11 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         elapsed_s: f32,
     ) {
         let news = self.news(source.anchor(), action);
+        let settings = self.settings;
         let energy_ln = self.compensated_ln(action, path);
         let Some(row) = self.row_mut(source) else { return };
         let innovation = energy_ln - row.energy_ln;
-        let familiar = gain(ENERGY_WALK_PER_S, elapsed_s) * (1.0 - news) * weight;
+        let familiar = gain(settings.energy_walk_per_s, elapsed_s) * (1.0 - news) * weight;
         row.energy_ln += larger(familiar, weight / (row.paths + weight + 1e-6)) * innovation;
         row.paths += weight;
     }
@@ -445,7 +485,7 @@ mod tests {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(1);
         let mut uniform = || (rng.next_u32() >> 8) as f32 / 16_777_216.0 + 3e-8;
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         for _ in 0..100 {
             // SINR 100 within a factor of e.
             hear(&mut memory, &library, 20, 100.0 * (2.0 * uniform() - 1.0).exp());
@@ -462,7 +502,7 @@ mod tests {
     #[test]
     fn what_belongs_to_the_place_is_not_taken_for_the_carrier() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         (0..60).for_each(|n| hear(&mut memory, &library, [20, 39][n % 2], 1e4));
         let before = memory.sinr_ln(SOURCE, 39) - memory.sinr_ln(SOURCE, 20);
         (0..60).for_each(|n| hear(&mut memory, &library, 20, 1e4 * 10_f32.powf(-0.05 * n as f32)));
@@ -482,7 +522,7 @@ mod tests {
     #[test]
     fn without_neighbours_an_action_tells_of_itself_alone() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, false, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, false, &library);
         hear(&mut memory, &library, 20, 100.0);
         assert_eq!(memory.frames(0, 21), 0.0);
         assert!(memory.frames(0, 20) > 0.9);
@@ -492,7 +532,7 @@ mod tests {
     #[test]
     fn nothing_known_gives_the_prior() {
         let library = Library::<2>::new(&LIBRARY_DW3000).unwrap();
-        let memory = ChannelMemory::<1, 1, 2>::new(10.0, true, &library);
+        let memory = ChannelMemory::<1, 1, 2>::new(ChannelMemorySettings::default(), 10.0, true, &library);
         let unknown = Source::Virtual { anchor: 0, slot: 0 };
         assert!((memory.sinr(unknown, 0) - 10.0).abs() < 1e-5);
         let loss = (7.9872_f32 / 6.4896).powi(2);
@@ -503,7 +543,7 @@ mod tests {
     #[test]
     fn interference_disturbs_what_was_never_seen() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         (0..30).for_each(|_| receive(&mut memory, &library, 20, QUIET, None));
         (0..5).for_each(|_| receive(&mut memory, &library, 20, 100.0 * QUIET, None));
         assert!(!memory.has_seen(SOURCE));
@@ -514,7 +554,7 @@ mod tests {
     #[test]
     fn what_is_unmasked_is_charged_to_its_carrier() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         (0..20).for_each(|_| hear(&mut memory, &library, 20, 100.0));
         let before = [20, 39].map(|action| memory.sinr_ln(SOURCE, action));
         let shares = memory.shares(20, &library);
@@ -533,7 +573,7 @@ mod tests {
     #[test]
     fn an_interferer_is_noticed_in_a_few_frames_and_where_it_is() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         (0..60).for_each(|n| hear(&mut memory, &library, [20, 39][n % 2], 100.0));
         let (jammed, quiet) = (memory.sinr_ln(SOURCE, 20), memory.sinr_ln(SOURCE, 39));
         for frame in 0..5 {
@@ -557,7 +597,7 @@ mod tests {
     #[test]
     fn what_hides_in_a_quiet_frame_is_hidden_and_its_carrier_keeps_its_name() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         (0..30).for_each(|_| hear(&mut memory, &library, 20, 100.0));
         let before = memory.sinr_ln(SOURCE, 20);
         let found = detection_probability(memory.sinr(SOURCE, 20), 6.0);
@@ -576,7 +616,7 @@ mod tests {
     #[test]
     fn the_full_band_is_believed_to_the_letter_and_said_so() {
         let library = Library::<40>::new(&LIBRARY_WIDE).unwrap();
-        let mut memory = Memory::new(10.0, true, &library);
+        let mut memory = Memory::new(ChannelMemorySettings::default(), 10.0, true, &library);
         assert!(!memory.is_full_band());
         let truth: std::vec::Vec<f32> = (0..40).map(|action| 1.0 + action as f32).collect();
         memory.tell(SOURCE, &truth);
@@ -594,7 +634,7 @@ mod tests {
             Action { carrier_hz: 4e9, pulse_duration_s: 1e-9 },
         ];
         let library = Library::<2>::new(&pair).unwrap();
-        let memory = ChannelMemory::<1, 1, 2>::new(10.0, true, &library);
+        let memory = ChannelMemory::<1, 1, 2>::new(ChannelMemorySettings::default(), 10.0, true, &library);
         let [own, other] = memory.shares(0, &library);
         assert!((own - 1.0).abs() < 1e-6 && (other - 0.0625).abs() < 1e-3);
     }

@@ -13,12 +13,28 @@
 
 use crate::real::larger;
 
-/// Doubt from which on the map is not judged by what is heard, nats.
-const DOUBTFUL_NAT: f32 = 3.0;
-/// Doubt from which on the tag is lost, nats.
-const LOST_NAT: f32 = 15.0;
-/// Sum of the position's variances beyond which one Gaussian cannot be updated by ranges any more, square metres.
-const WIDEST_M2: f32 = 2.0;
+/// When the tag is taken for lost.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BeliefSettings {
+    /// Evidence against the place, nats (0 to 100), from which on the map is not judged by what is heard: e^3 to one. Less: the
+    /// map stands still at every doubtful scan. More: it is judged from a wrong place.
+    pub doubtful_nat: f32,
+    /// Evidence from which on the tag is lost, nats (1 to 1000): e^15 to one. Less: lost for nothing. More: noticed later.
+    pub lost_nat: f32,
+    /// Turns of the tag per second (0 to 10): the prior of the velocity being drawn anew. More follows turns sooner and takes
+    /// false paths for turns.
+    pub turns_per_s: f32,
+}
+
+impl Default for BeliefSettings {
+    fn default() -> Self {
+        Self { doubtful_nat: 3.0, lost_nat: 15.0, turns_per_s: 0.2 }
+    }
+}
+
+/// Guard: against updates far beyond a range's line: sum of the position's variances beyond which one Gaussian cannot be updated by ranges any more, square metres.
+pub const WIDEST_M2: f32 = 2.0;
 
 /// The loss monitor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,13 +49,13 @@ impl LossMonitor {
     }
 
     /// Whether so much speaks against the place that the map must not be judged from it.
-    pub fn is_doubtful(&self) -> bool {
-        self.doubt_nat > DOUBTFUL_NAT
+    pub fn is_doubtful(&self, settings: &BeliefSettings) -> bool {
+        self.doubt_nat > settings.doubtful_nat
     }
 
     /// Whether the tag must be elsewhere.
-    pub fn is_lost(&self) -> bool {
-        self.doubt_nat > LOST_NAT
+    pub fn is_lost(&self, settings: &BeliefSettings) -> bool {
+        self.doubt_nat > settings.lost_nat
     }
 
     /// Whether a position of these variances (xx, yy; square metres) is too uncertain to be tracked.
@@ -103,11 +119,11 @@ mod tests {
         let mut monitor = LossMonitor::default();
         for _ in 0..100 {
             monitor.observe(evidence(&[3.05, 4.4, 7.3, 11.0], &expected_m));
-            assert!(!monitor.is_doubtful());
+            assert!(!monitor.is_doubtful(&BeliefSettings::default()));
         }
         let cycles = (1..).find(|_| {
             monitor.observe(evidence(&[2.2, 5.3, 5.3, 8.0, 11.0], &expected_m));
-            monitor.is_lost()
+            monitor.is_lost(&BeliefSettings::default())
         });
         assert!(cycles.is_some_and(|cycles| (2..=10).contains(&cycles)), "{cycles:?}");
     }
@@ -131,7 +147,7 @@ mod tests {
         for _ in 0..1000 {
             monitor.observe(evidence(&[], &[3.0, 4.5, 6.1, 7.2]));
             monitor.observe(evidence(&[3.05], &[3.0, 4.5, 6.1, 7.2]));
-            assert!(!monitor.is_doubtful());
+            assert!(!monitor.is_doubtful(&BeliefSettings::default()));
         }
     }
 }

@@ -10,14 +10,12 @@
 use crate::model::clock::probability;
 use crate::real::{larger, ln};
 
-/// Manoeuvres per second: a turn every five seconds.
-pub const TURNS_PER_S: f32 = 0.2;
-/// Direct paths that are more probably seen than not count for the suspicion.
-const LIKELY: f32 = 0.5;
-/// Squared deviations within which a measurement lies near what is expected: 95 %.
-const NEAR: f32 = 4.0;
-/// Share of those that have a measurement near them, below which a manoeuvre is thought of.
-const ENOUGH: f32 = 0.7;
+/// Mathematics: direct paths that are more probably seen than not count for the suspicion.
+pub const LIKELY: f32 = 0.5;
+/// Mathematics: squared deviations within which a measurement lies near what is expected: 95 %.
+pub const NEAR: f32 = 4.0;
+/// Guard: against weighing two hypotheses in every cycle: share of those that have a measurement near them, below which a manoeuvre is thought of.
+pub const ENOUGH: f32 = 0.7;
 
 /// How many of the direct paths counted on were found where they were expected.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -45,9 +43,14 @@ impl Suspicion {
 }
 
 /// Whether there was a manoeuvre in the last `elapsed_s` seconds, by the evidence for the place that each hypothesis predicts:
-/// it must outweigh the odds ln((1 - p) / p) of its own probability p.
-pub fn is_manoeuvre(evidence_of_motion_nat: f32, evidence_of_manoeuvre_nat: f32, elapsed_s: f32) -> bool {
-    let turned = probability(TURNS_PER_S, elapsed_s);
+/// with so many per second, it must outweigh the odds ln((1 - p) / p) of its own probability p.
+pub fn is_manoeuvre(
+    evidence_of_motion_nat: f32,
+    evidence_of_manoeuvre_nat: f32,
+    turns_per_s: f32,
+    elapsed_s: f32,
+) -> bool {
+    let turned = probability(turns_per_s, elapsed_s);
     // Written so that no turn at all is none.
     evidence_of_manoeuvre_nat - evidence_of_motion_nat > ln((1.0 - turned) / larger(turned, 1e-9))
 }

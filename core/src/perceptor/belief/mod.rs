@@ -9,7 +9,7 @@ pub mod loss;
 pub mod manoeuvre;
 
 use self::acquisition::{Acquisition, AcquisitionSettings, Landmark, Sweep};
-use self::loss::LossMonitor;
+use self::loss::{BeliefSettings, LossMonitor};
 use crate::model::motion::{Agent, Motion, MotionStep};
 use crate::real::smaller;
 use nalgebra::{Matrix4, Vector4};
@@ -20,7 +20,8 @@ pub struct TagBelief<const ANCHORS: usize> {
     motion: Motion,
     /// Standard deviation of a velocity that nothing is known of, m/s.
     speed_m_s: f32,
-    settings: AcquisitionSettings,
+    acquiring: AcquisitionSettings,
+    settings: BeliefSettings,
     acquisition: Option<Acquisition<ANCHORS>>,
     loss: LossMonitor,
 }
@@ -29,9 +30,15 @@ impl<const ANCHORS: usize> TagBelief<ANCHORS> {
     /// The tag is somewhere around the prior. `speed_m_s` is the standard deviation per axis of a velocity that nothing is
     /// known of.
     #[inline(always)] // built where it stays
-    pub fn new(motion: Motion, speed_m_s: f32, prior: Agent, settings: AcquisitionSettings) -> Self {
-        let acquisition = Some(Acquisition::new(prior, speed_m_s * speed_m_s, settings));
-        Self { motion, speed_m_s, settings, acquisition, loss: LossMonitor::default() }
+    pub fn new(
+        motion: Motion,
+        speed_m_s: f32,
+        prior: Agent,
+        acquiring: AcquisitionSettings,
+        settings: BeliefSettings,
+    ) -> Self {
+        let acquisition = Some(Acquisition::new(prior, speed_m_s * speed_m_s, acquiring));
+        Self { motion, speed_m_s, acquiring, settings, acquisition, loss: LossMonitor::default() }
     }
 
     /// Whether it is not known (yet, or any more) where the tag is.
@@ -46,7 +53,7 @@ impl<const ANCHORS: usize> TagBelief<ANCHORS> {
 
     /// Whether so much speaks against the place that the map must not be judged from it.
     pub fn is_doubtful(&self) -> bool {
-        self.loss.is_doubtful()
+        self.loss.is_doubtful(&self.settings)
     }
 
     /// Moves ahead by a step, from the `last` estimate to the one `predicted`, `elapsed_s` later. After a gap too long for one Gaussian
@@ -82,7 +89,7 @@ impl<const ANCHORS: usize> TagBelief<ANCHORS> {
             covariance: Matrix4::from_diagonal(&Vector4::new(xx, yy, uu, vv)),
         };
         self.loss = LossMonitor::default();
-        self.acquisition = Some(Acquisition::new(prior, self.speed_m_s * self.speed_m_s, self.settings));
+        self.acquisition = Some(Acquisition::new(prior, self.speed_m_s * self.speed_m_s, self.acquiring));
     }
 
     /// While it is not known where the tag is: weighs the places it may be at by one cycle's sweeps (see
@@ -113,7 +120,7 @@ impl<const ANCHORS: usize> TagBelief<ANCHORS> {
             return false;
         }
         self.loss.observe(evidence_nat);
-        if !self.loss.is_lost() {
+        if !self.loss.is_lost(&self.settings) {
             return false;
         }
         let (reach, speed) = (self.motion.position_std_limit_m, self.speed_m_s);
