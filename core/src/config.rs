@@ -213,11 +213,10 @@ impl Config {
             forgetting_per_s,
             energy_walk_per_s,
             noise_walk_per_s,
-            excess_walk_per_s,
             place_ln,
             hiding_per_s,
         } = *channel;
-        for walk_per_s in [energy_walk_per_s, noise_walk_per_s, excess_walk_per_s] {
+        for walk_per_s in [energy_walk_per_s, noise_walk_per_s] {
             within(walk_per_s, 0.0, 100.0, Setting::ChannelMemory)?;
         }
         for value in [forgetting_per_s, place_ln, hiding_per_s] {

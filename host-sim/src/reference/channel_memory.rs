@@ -14,8 +14,8 @@ use super::clock::{gain, probability};
 use super::controller::Library;
 use super::real::{Real, abs, exp, larger, limited, ln, smaller, square};
 use cogmint_core::memory::channel::{
-    ChannelMemorySettings, EXCESS_JUMP, EXCESS_NEWS, JUMP_LN, JUMP_WIDTH_LN, LEAST_SINR_LN, MOST_ENERGY_LN,
-    MOST_SINR_LN, USUAL_FALL_PER_S, USUAL_RISE_PER_S,
+    ChannelMemorySettings, EXCESS_JUMP, EXCESS_NEWS, EXCESS_WALK_PER_S, JUMP_LN, JUMP_WIDTH_LN,
+    LEAST_SINR_LN, MOST_ENERGY_LN, MOST_SINR_LN, USUAL_FALL_PER_S, USUAL_RISE_PER_S,
 };
 use cogmint_core::model::source::Source;
 use std::fmt;
@@ -176,7 +176,7 @@ impl<T: Real> ChannelMemory<T> {
         let action = received.action;
         let now_ln = power_ln(level);
         let dt = received.elapsed_s;
-        let steady = gain(settings.excess_walk_per_s, dt) + T::of(EXCESS_NEWS) * self.news(source, action);
+        let steady = gain(EXCESS_WALK_PER_S, dt) + T::of(EXCESS_NEWS) * self.news(source, action);
         let rate = larger(T::of(EXCESS_JUMP) * received.jump, steady);
         let of_direct = self.direct[source.anchor()].excess_ln.clone();
         let row = self.row_mut(source);

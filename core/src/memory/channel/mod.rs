@@ -40,9 +40,6 @@ pub struct ChannelMemorySettings {
     pub energy_walk_per_s: f32,
     /// The same of the noise where its path arrives (0 to 100): 20 % at 10 Hz.
     pub noise_walk_per_s: f32,
-    /// The same of the excess of noise at a familiar action (0 to 100): 3 % at 10 Hz. More blames the carrier for what changes
-    /// slowly, less the place.
-    pub excess_walk_per_s: f32,
     /// How far the place alone raises noise above the usual, as ln (0 to 10): what goes on rising beyond that, however slowly, is
     /// interference. Chosen on development rooms.
     pub place_ln: f32,
@@ -57,7 +54,6 @@ impl Default for ChannelMemorySettings {
             forgetting_per_s: 0.02,
             energy_walk_per_s: 0.26,
             noise_walk_per_s: 0.5,
-            excess_walk_per_s: 0.01,
             place_ln: 0.7,
             hiding_per_s: 0.1,
         }
@@ -69,6 +65,9 @@ impl Default for ChannelMemorySettings {
 pub const USUAL_FALL_PER_S: f32 = 0.026;
 /// Guard: the same, rising.
 pub const USUAL_RISE_PER_S: f32 = 0.001;
+/// Guard: against blaming a familiar carrier for what changes slowly at the place: the same of the excess of noise there, 3 % of a
+/// deviation at 10 Hz.
+pub const EXCESS_WALK_PER_S: f32 = 0.01;
 /// Mathematics: share of a deviation that an action never heard before takes over: half, between the place's and its own.
 pub const EXCESS_NEWS: f32 = 0.5;
 /// Guard: against following a single frame blindly when interference comes or goes.
@@ -272,8 +271,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
             }
         };
         let innovation = level_ln - (noise_ln + row.excess_ln(action));
-        let rate =
-            larger(EXCESS_JUMP * jump, gain(settings.excess_walk_per_s, elapsed_s) + EXCESS_NEWS * news);
+        let rate = larger(EXCESS_JUMP * jump, gain(EXCESS_WALK_PER_S, elapsed_s) + EXCESS_NEWS * news);
         let noise_ln = noise_ln
             + gain(settings.noise_walk_per_s, elapsed_s) * (1.0 - jump) * ((1.0 - rate) * innovation);
         let above = larger(noise_ln - (row.usual_ln + settings.place_ln), 0.0);
