@@ -26,7 +26,6 @@ use crate::model::observation::TagHeight;
 use crate::observer::{Observer, Stage};
 use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
-use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
 use crate::report::{CycleReport, MapChanges};
@@ -49,6 +48,8 @@ pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, c
     controllers: Controllers<ANCHORS, ACTIONS>,
 
     cycle: u32,
+    /// The tag at the end of the last cycle in which anything was heard.
+    last_heard: Agent,
     /// The cycle begun and not finished.
     begun: Option<Begun<ANCHORS>>,
     /// What was received in it.
@@ -98,19 +99,26 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             channel,
             controllers,
             cycle,
+            last_heard,
             begun: _,
             scans,
         } = self;
         let told = Told { config, anchors, library, tag_height };
-        scans.iter_mut().for_each(Scan::grade_paths);
+        receiver.complete(scans);
+        let is_heard = !scans.is_empty();
+        let unheard_s = receiver.unheard_s(scans);
 
         observer.stage(Stage::Predict);
         let last = filter.agent();
         let step = config.motion.step(elapsed_s);
         filter.predict(elapsed_s);
         let predicted = filter.agent();
-        discovery.predict(&last, &predicted, &step);
-        belief.predict(&step, &last, &predicted, elapsed_s);
+        belief.predict(&step, elapsed_s);
+        if is_heard {
+            // Over the whole time since anything was heard, however many cycles that were.
+            discovery.predict(last_heard, &predicted, &config.motion.step(unheard_s));
+            belief.bridge(last_heard, &predicted);
+        }
         environment.predict(config.association.map_change_per_s, elapsed_s);
         channel.predict(elapsed_s);
 
@@ -123,7 +131,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 filter.place(&agent);
             }
         }
-        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(receiver.unheard_s(scans));
+        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(unheard_s);
         let expected = expect(filter, &told, environment, channel, clutter, scans, manoeuvre_over_s);
         let known = Known { filter, environment, channel, clutter };
         let outcomes = associate(&told, &known, discovery, &expected, observer);
@@ -184,6 +192,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 .copied()
                 .unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
         };
+        if is_heard {
+            *last_heard = filter.agent();
+        }
         *cycle = cycle.wrapping_add(1);
         observer.stage(Stage::Done);
         Ok(report)

@@ -609,6 +609,10 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     }
     reference.clutter.unexplained.iter().for_each(|value| hash.float(*value));
     reference.receiver.silent_s.iter().flatten().for_each(|value| hash.float(*value));
+    hash.float(reference.receiver.threshold);
+    reference.last_heard.mean.iter().for_each(|value| hash.float(*value));
+    // By column, as the core stores a matrix; symmetric.
+    reference.last_heard.covariance.iter().flatten().for_each(|value| hash.float(*value));
     for last in &reference.receiver.last_sequence {
         hash.word(u32::from(last.is_some()));
         hash.word(last.unwrap_or(0));

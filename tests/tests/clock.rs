@@ -122,6 +122,86 @@ fn a_walk_sampled_at_1_10_and_100_hertz_gives_trackers_that_agree() {
     }
 }
 
+/// Whether two trackers search alike and agree to a millimetre and a hundredth.
+fn agree(one: &[(bool, Agent)], other: &[(bool, Agent)], place: &str) {
+    for (second, ((acquiring, agent), (usually, usual))) in one.iter().zip(other).enumerate() {
+        assert_eq!(acquiring, usually, "{place}, {second}");
+        let ((mean, std), (usual_mean, usual_std)) = (moments(agent), moments(usual));
+        for axis in 0..4 {
+            assert!(
+                (mean[axis] - usual_mean[axis]).abs() <= 1e-3,
+                "{place}, {second}: {mean:?} {usual_mean:?}"
+            );
+            assert!(
+                (std[axis] / usual_std[axis] - 1.0).abs() <= 0.01,
+                "{place}, {second}: {std:?} {usual_std:?}"
+            );
+        }
+    }
+}
+
+/// Two anchors whose reflections in two walls nobody told of: candidates for virtual anchors are predicted over the time since
+/// anything was heard, not cycle by cycle.
+#[test]
+fn what_is_discovered_does_not_depend_on_empty_cycles() {
+    for seed in 0..4 {
+        let mut noise = Noise::new(100 + seed);
+        let way = drawn_walk(seed, 10.0, 1.0, 60);
+        let seconds: Vec<[Vec<Range>; 2]> = way
+            .iter()
+            .map(|place| {
+                [0, 1].map(|anchor: usize| {
+                    let [x, y] = ANCHORS[anchor].position_m.map(f64::from);
+                    let images = [[x, y], [x, -6.0 - y], [-8.0 - x, y]];
+                    let range = |[a, b]: [f64; 2]| {
+                        let range_m = (place[0] - a).hypot(place[1] - b) + 0.05 * noise.normal();
+                        Range { range_m: range_m as f32, variance_m2: 0.0025 }
+                    };
+                    images.map(range).into_iter().filter(|range| range.range_m < 29.0).collect()
+                })
+            })
+            .collect();
+        let run = |rate: u32| -> Vec<(bool, Agent)> {
+            let mut tracker = tracker(10.0);
+            let elapsed_s = 1.0 / rate as f32;
+            let second = |anchors: &[Vec<Range>; 2]| {
+                for _ in 1..rate {
+                    cycle(&mut tracker, &[], elapsed_s);
+                }
+                let scans = [0, 1]
+                    .map(|anchor: usize| Observation::Ranges(RangeScan { anchor, ranges: &anchors[anchor] }));
+                let report = tracker.cycle(&scans, elapsed_s, None).unwrap();
+                (report.acquiring, tracker.filter().agent())
+            };
+            seconds.iter().map(second).collect()
+        };
+        agree(&run(10), &run(1), &format!("seed {seed}"));
+    }
+}
+
+/// Measured every two seconds, one Gaussian becomes too wide: where the tag is searched from does not depend on when.
+#[test]
+fn what_is_given_up_in_a_gap_does_not_depend_on_empty_cycles() {
+    for seed in 0..6 {
+        let mut noise = Noise::new(seed);
+        let way = drawn_walk(20 + seed, 10.0, 2.0, 30);
+        let measurements: Vec<Vec<(usize, Range)>> =
+            way.iter().map(|place| measured(*place, &mut noise)).collect();
+        let run = |cycles: u32| -> Vec<(bool, Agent)> {
+            let mut tracker = tracker(10.0);
+            let elapsed_s = 2.0 / cycles as f32;
+            let gap = |ranges: &Vec<(usize, Range)>| {
+                for _ in 1..cycles {
+                    cycle(&mut tracker, &[], elapsed_s);
+                }
+                (cycle(&mut tracker, ranges, elapsed_s), tracker.filter().agent())
+            };
+            measurements.iter().map(gap).collect()
+        };
+        agree(&run(20), &run(1), &format!("seed {seed}"));
+    }
+}
+
 /// Mean and covariance of [x, y, u, v] after `elapsed_s` seconds by the stochastic differential equation, in f64: dx/dt = A x
 /// and dP/dt = A P + P A' + diag(0, 0, q, q), in small steps of the classical Runge-Kutta rule.
 fn integrated(motion: &Motion, start: &Agent, elapsed_s: f64) -> (Vector4<f64>, Matrix4<f64>) {

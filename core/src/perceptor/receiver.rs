@@ -44,6 +44,8 @@ pub struct Receiver<const ANCHORS: usize, const PATHS: usize> {
     last_sequence: [Option<u32>; ANCHORS],
     /// Time since the last scan and the last frame of every anchor, seconds.
     silent_s: [[f32; 2]; ANCHORS],
+    /// Threshold on the normalised energy of a path, of the last anchor's last frame.
+    threshold: f32,
 }
 
 /// Which anchors have delivered a frame and ranges in a cycle.
@@ -63,15 +65,18 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
     /// Nothing received yet; `pulse` is that of the first action.
     #[inline(always)] // built where it stays
     pub fn new(radio: Radio, estimator_settings: EstimatorSettings, ranging: Ranging, pulse: Pulse) -> Self {
+        let estimator = build_estimator(&radio, estimator_settings, pulse);
+        let threshold = estimator.threshold();
         Self {
             radio,
             estimator_settings,
             ranging,
-            estimator: build_estimator(&radio, estimator_settings, pulse),
+            estimator,
             estimator_pulse: pulse,
             gain_control: [GainControl::default(); ANCHORS],
             last_sequence: [None; ANCHORS],
             silent_s: [[0.0; 2]; ANCHORS],
+            threshold,
         }
     }
 
@@ -230,6 +235,17 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         gain_control.unit(frame.samples, white, elapsed_s, frame.action, link.loss_ln, is_sought)
     }
 
+    /// All of a cycle is received.
+    pub fn complete(&mut self, scans: &mut Scans<ANCHORS, PATHS>) {
+        for scan in scans {
+            scan.grade_paths();
+            // In the order of the anchors, whichever came last.
+            if scan.is_framed() {
+                self.threshold = scan.threshold();
+            }
+        }
+    }
+
     /// Whether the last frame of an anchor was one in which a lost tag was sought with another action than the one held.
     pub fn is_sought(&self, anchor: usize) -> bool {
         self.gain_control.get(anchor).and_then(GainControl::sought_with).is_some()
@@ -265,9 +281,9 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         unheard_s
     }
 
-    /// Threshold on the normalised energy of a path, of the pulse last used.
+    /// Threshold on the normalised energy of a path: that of the last anchor's last frame.
     pub fn threshold(&self) -> f32 {
-        self.estimator.threshold()
+        self.threshold
     }
 }
 

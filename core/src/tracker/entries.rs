@@ -87,6 +87,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             anchors: checked,
             library,
             cycle: 0,
+            last_heard: start.agent(),
             begun: None,
             scans: Vec::new(),
         })

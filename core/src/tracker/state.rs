@@ -175,6 +175,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         }
         self.clutter.unexplained().iter().for_each(|v| hash.float(*v));
         self.receiver.silent_s().iter().flatten().for_each(|v| hash.float(*v));
+        hash.float(self.receiver.threshold());
+        self.last_heard.mean.iter().for_each(|v| hash.float(*v));
+        self.last_heard.covariance.iter().for_each(|v| hash.float(*v));
         for last in *self.receiver.last_sequence() {
             hash.word(u32::from(last.is_some()));
             hash.word(last.unwrap_or(0));

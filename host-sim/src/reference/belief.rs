@@ -45,14 +45,17 @@ impl<T: Real> Belief<T> {
         self.loss.is_doubtful(&self.settings)
     }
 
-    /// A step of `dt` seconds later. After a gap the tag is between where it was and where its velocity would have brought it.
-    pub fn predict(&mut self, step: &MotionStep<T>, last: &Agent<T>, predicted: &Agent<T>, dt: T) {
+    /// A step of `dt` seconds later.
+    pub fn predict(&mut self, step: &MotionStep<T>, dt: T) {
         if let Some(acquisition) = &mut self.acquisition {
             acquisition.predict(step, self.position_std_limit_m, dt);
-            return;
         }
+    }
+
+    /// Something is heard. After a gap the tag is between where it was last heard and where its velocity would have brought it.
+    pub fn bridge(&mut self, last: &Agent<T>, predicted: &Agent<T>) {
         let c = &predicted.covariance;
-        if LossMonitor::is_too_wide(c[PX][PX], c[PY][PY]) {
+        if self.acquisition.is_none() && LossMonitor::is_too_wide(c[PX][PX], c[PY][PY]) {
             let reach = self.position_std_limit_m;
             let position_m2 = [PX, PY].map(|p| {
                 let way = predicted.mean[p] - last.mean[p];

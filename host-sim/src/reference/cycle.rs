@@ -14,7 +14,7 @@ use super::known::{Expected, Known, Told, outlook};
 use super::loss::evidence_nat;
 use super::manoeuvre::{is_doubtful, is_manoeuvre};
 use super::map::{Changes, Map};
-use super::motion::{MotionStep, PX, PY, ProcessNoise};
+use super::motion::{Agent, MotionStep, PX, PY, ProcessNoise};
 use super::real::{Real, smaller, square};
 use super::receiver::{AnchorEstimate, Receiver, Scan};
 use super::remember::Memories;
@@ -98,6 +98,8 @@ pub struct Reference<T> {
     pub channel: ChannelMemory<T>,
     /// The choices.
     pub controllers: Controllers<T>,
+    /// The tag after the last cycle in which anything was heard.
+    pub last_heard: Agent<T>,
 }
 
 impl<T: Real> Reference<T> {
@@ -134,7 +136,9 @@ impl<T: Real> Reference<T> {
             &library,
         );
         let room = [capacity.anchors, capacity.actions];
+        let last_heard = filter.agent();
         Self {
+            last_heard,
             receiver: Receiver::new(&config, [capacity.anchors, capacity.paths], &first),
             belief: Belief::new(&config, filter.agent(), capacity.anchors),
             filter,
@@ -159,7 +163,7 @@ impl<T: Real> Reference<T> {
     ) -> Intermediates<T> {
         let elapsed_s = T::of(elapsed_s);
         let Self { config, anchors, library, receiver, belief, filter, .. } = self;
-        let Self { environment, discovery, clutter, channel, controllers, .. } = self;
+        let Self { environment, discovery, clutter, channel, controllers, last_heard, .. } = self;
         let told = Told { config, anchors, library, tag_height };
 
         // Receive and estimate.
@@ -172,8 +176,12 @@ impl<T: Real> Reference<T> {
         let step = MotionStep::new(&config.motion, elapsed_s);
         filter.predict(elapsed_s);
         let predicted = filter.agent();
-        discovery.predict(&last, &predicted, &step);
-        belief.predict(&step, &last, &predicted, elapsed_s);
+        belief.predict(&step, elapsed_s);
+        let unheard_s = receiver.unheard_s(&scans);
+        if !scans.is_empty() {
+            discovery.predict(last_heard, &predicted, &MotionStep::new(&config.motion, unheard_s));
+            belief.bridge(last_heard, &predicted);
+        }
         environment.predict(config.association.map_change_per_s, elapsed_s);
         channel.predict(elapsed_s);
 
@@ -198,7 +206,6 @@ impl<T: Real> Reference<T> {
         if !belief.is_acquiring() && are_direct_paths_missing(&scans, &expected) {
             let before = filter.agent_covariance();
             let velocity = square(T::of(config.start.velocity_std_m_s));
-            let unheard_s = receiver.unheard_s(&scans);
             filter.disturb(&ProcessNoise::of_turn(velocity, unheard_s));
             let widened = all(filter);
             let [motion, manoeuvre] =
@@ -279,6 +286,9 @@ impl<T: Real> Reference<T> {
             next_action: decision.next,
             next: library.actions[decision.next],
         };
+        if !heard.is_empty() {
+            *last_heard = posterior.clone();
+        }
         self.cycle = cycle.wrapping_add(1);
         Intermediates { estimates, heard: outcomes, report }
     }

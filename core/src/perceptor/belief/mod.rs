@@ -56,17 +56,20 @@ impl<const ANCHORS: usize> TagBelief<ANCHORS> {
         self.loss.is_doubtful(&self.settings)
     }
 
-    /// Moves ahead by a step, from the `last` estimate to the one `predicted`, `elapsed_s` later. After a gap too long for one Gaussian
-    /// the tag is somewhere between where it was and where its velocity would have brought it, and what its velocity was then
-    /// says little of now.
-    pub fn predict(&mut self, step: &MotionStep, last: &Agent, predicted: &Agent, elapsed_s: f32) {
+    /// Moves ahead by a step of the motion, `elapsed_s` seconds long.
+    pub fn predict(&mut self, step: &MotionStep, elapsed_s: f32) {
         if let Some(acquisition) = &mut self.acquisition {
             acquisition.predict(step, self.motion.position_std_limit_m, elapsed_s);
-            return;
         }
-        let Agent { mean: from, .. } = last;
+    }
+
+    /// Where anything is heard again: after a gap too long for one Gaussian the tag is somewhere between where it was when it
+    /// was `last_heard` and where its velocity would have brought it (`predicted`), and what its velocity was then says little
+    /// of now.
+    pub fn bridge(&mut self, last_heard: &Agent, predicted: &Agent) {
+        let Agent { mean: from, .. } = last_heard;
         let Agent { mean: to, covariance: c } = predicted;
-        if !LossMonitor::is_too_wide(c.m11, c.m22) {
+        if self.acquisition.is_some() || !LossMonitor::is_too_wide(c.m11, c.m22) {
             return;
         }
         let reach = self.motion.position_std_limit_m;
