@@ -266,3 +266,50 @@ fn the_hash_covers_a_cycle_begun() {
         assert!(!hashes[..index].contains(hash), "{index}: {hashes:016x?}");
     }
 }
+
+/// Each anchor has an action of its own, of another pulse: planning takes its threshold from the last anchor's frame, whichever
+/// came last.
+#[test]
+fn frames_of_unequal_pulses_give_the_same_bits_in_any_order() {
+    use cogmint_core::radio::library::Action;
+    use cogmint_core::{Anchor, Config, Tracker};
+    let actions = [1e-9, 2e-9, 4e-9].map(|pulse_duration_s| Action { carrier_hz: 6.5e9, pulse_duration_s });
+    let anchors = [[0.0, 0.0], [9.0, 1.0]].map(|position_m| Anchor { position_m, height_m: 2.0 });
+    let mut config = Config::default();
+    config.controller.per_anchor = true;
+    config.controller.choice.exploration_per_s = 5.0;
+    config.start.position_m = [4.0, 3.0];
+    let new = || Tracker::<2, 4, 8, 3>::new(config, &anchors, &[], &actions, 5).unwrap();
+    let (mut at_once, mut one_by_one) = (new(), new());
+    let mut rng = Xoshiro128PlusPlus::seed_from_u64(9);
+    let mut unequal = 0;
+    for cycle in 0..80 {
+        let place_m = [4.0 + 0.01 * cycle as f32, 3.0];
+        let frames = [0, 1].map(|anchor: usize| {
+            let [x, y] = anchors[anchor].position_m;
+            let delay_s = (place_m[0] - x).hypot(place_m[1] - y) / 299_792_458.0;
+            std::array::from_fn::<[f32; 2], 400, _>(|n| {
+                let t = (n as f32 * 0.25e-9 - delay_s) / 2e-9;
+                let [re, im] = [(); 2].map(|()| rng.next_u32() as f32 * (0.2 / 4_294_967_296.0) - 0.1);
+                [re + (-t * t).exp(), im]
+            })
+        });
+        let used = [0, 1].map(|anchor| at_once.controller_of(anchor).unwrap().action_index());
+        unequal += usize::from(used[0] != used[1]);
+        let observations = [0, 1].map(|anchor: usize| {
+            Observation::Frame(Frame {
+                anchor,
+                action: used[anchor],
+                sequence: None,
+                first_sample_delay_s: 0.0,
+                samples: Samples::Complex(&frames[anchor]),
+            })
+        });
+        let report = at_once.cycle(&observations, 0.1, None).unwrap();
+        one_by_one.begin(0.1, None).unwrap();
+        observations.iter().rev().for_each(|observation| one_by_one.receive(observation).unwrap());
+        assert_eq!(one_by_one.finish().unwrap(), report, "cycle {cycle}");
+        assert_eq!(one_by_one.hash(), at_once.hash(), "cycle {cycle}");
+    }
+    assert!(unequal > 5, "the pulses were equal in all but {unequal} cycles");
+}
