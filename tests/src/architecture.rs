@@ -50,6 +50,20 @@ const PARTS: [(&str, &str); 2] =
 
 /// Files that put the whole together for the user.
 const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
+/// What the crate's root exports again: no block may take the whole by that way.
+const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
+/// What may change the whole tracker.
+const ENTRIES: [&str; 9] = [
+    "begin",
+    "cycle",
+    "cycle_observed",
+    "finish",
+    "finish_observed",
+    "receive",
+    "receive_observed",
+    "restrict",
+    "tell_channel",
+];
 
 /// A source file: its path below `core/src`, without `.rs`, and its code without comments and tests.
 #[derive(Clone, Debug)]
@@ -179,8 +193,10 @@ pub fn faults(sources: &[Source]) -> Vec<String> {
                 (None, None) => false,
             };
             let takes_the_whole = own.is_some_and(|own| BLOCKS[own].path != "tracker")
-                && WHOLE.iter().any(|whole| is_in(&import, whole));
-            if goes_back || takes_the_whole {
+                && (WHOLE.iter().any(|whole| is_in(&import, whole))
+                    || ROOT.iter().any(|root| is_in(&import, root)));
+            let takes_the_root = base.is_some() && ROOT.iter().any(|root| is_in(&import, root));
+            if goes_back || takes_the_whole || takes_the_root || import.ends_with('*') {
                 faults.push(format!("{}: imports {import}, which comes after it", source.path));
             }
         }
@@ -188,17 +204,24 @@ pub fn faults(sources: &[Source]) -> Vec<String> {
             for state in block.states {
                 let is_part = PARTS.iter().any(|(path, part)| part == state && is_in(module, path));
                 let may_name = is_in(module, block.path) || is_in(module, "tracker") || is_part;
-                if !may_name && own.is_some() && names(&source.code, state) {
+                if !may_name
+                    && (own.is_some() || is_in(module, "model") || is_in(module, "radio"))
+                    && names(&source.code, state)
+                {
                     faults.push(format!("{}: names the state {state} of {}", source.path, block.path));
                 }
+            }
+        }
+        for way in ["&mut Tracker", "&mut Self", "self: &mut"] {
+            if source.code.contains(way) {
+                faults.push(format!("{}: takes the whole tracker by {way}", source.path));
             }
         }
         if is_in(module, "tracker") {
             for (start, _) in source.code.match_indices("&mut self") {
                 let signature = source.code[..start].rfind("fn ").unwrap_or(0);
-                let line = source.code[..signature].rfind('\n').map_or(0, |line| line + 1);
-                if !source.code[line..signature].contains("pub ") {
-                    let name = source.code[signature + 3..].split('(').next().unwrap_or_default();
+                let name = source.code[signature + 3..].split(['(', '<']).next().unwrap_or_default();
+                if !ENTRIES.contains(&name) {
                     faults.push(format!("{}: {name} changes the whole tracker and is no entry", source.path));
                 }
             }

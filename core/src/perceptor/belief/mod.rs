@@ -1,5 +1,4 @@
 //! Where the tag is, in the large: searched for, lost, or off on a manoeuvre.
-
 //!
 //! [`TagBelief`] holds whether it is known where the tag is. While it is not, [`acquisition`] weighs the places it may be at;
 //! while it is, [`loss`] notices when the tag is elsewhere. [`manoeuvre`] says when the tag turns.
