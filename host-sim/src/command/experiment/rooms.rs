@@ -135,8 +135,12 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     print_figures("all rooms", &summary.trackers);
     print_groups(&groups(&runs));
     print_lost(&runs);
-    for (index, tracker) in trackers.iter().enumerate() {
-        let seconds: f64 = runs.iter().map(|room| room.trackers.seconds[index]).sum();
+    for tracker in &trackers {
+        let of_room = |room: &RoomRuns| -> f64 {
+            let runs = room.trackers.runs.iter().zip(&room.trackers.seconds);
+            runs.filter(|(run, _)| run.tracker == tracker.name()).map(|(_, seconds)| seconds).sum()
+        };
+        let seconds: f64 = runs.iter().map(of_room).sum();
         eprintln!("{}: {seconds:.1} s in all rooms", tracker.name());
     }
     Ok(())

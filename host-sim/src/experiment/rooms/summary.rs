@@ -129,14 +129,24 @@ pub fn groups(rooms: &[RoomRuns]) -> Vec<Group> {
 }
 
 fn figures(rooms: &[&RoomRuns]) -> Vec<TrackerFigures> {
-    let names = rooms.first().map_or(&[][..], |room| &room.trackers.runs[..]).iter().map(|run| run.tracker);
-    names.enumerate().map(|(index, name)| tracker_figures(name, index, rooms)).collect()
+    // Where no true path is known, nothing can be told: such a room has no run of that tracker.
+    let most = rooms.iter().max_by_key(|room| room.trackers.runs.len());
+    let names = most.map_or(&[][..], |room| &room.trackers.runs[..]).iter().map(|run| run.tracker);
+    names.map(|name| tracker_figures(name, rooms)).collect()
 }
 
-fn tracker_figures(name: &str, index: usize, rooms: &[&RoomRuns]) -> TrackerFigures {
-    let runs: Vec<&Run> = rooms.iter().map(|room| &room.trackers.runs[index]).collect();
-    let answerable: Vec<&Run> =
-        rooms.iter().filter(|room| room.is_answerable()).map(|room| &room.trackers.runs[index]).collect();
+fn tracker_figures(name: &str, rooms: &[&RoomRuns]) -> TrackerFigures {
+    let runs: Vec<&Run> = rooms
+        .iter()
+        .copied()
+        .filter_map(|room| room.trackers.runs.iter().find(|run| run.tracker == name))
+        .collect();
+    let answerable: Vec<&Run> = rooms
+        .iter()
+        .copied()
+        .filter(|room| room.is_answerable())
+        .filter_map(|room| room.trackers.runs.iter().find(|run| run.tracker == name))
+        .collect();
     let lost = |runs: &[&Run]| mean(runs.iter().map(|run| f64::from(u8::from(run.lost))));
     let rmse = |runs: &[&Run]| quantile(0.5, runs.iter().map(|run| run.rmse_m.unwrap_or(f64::INFINITY)));
     let share = |of: fn(&Run) -> f64| mean(runs.iter().map(|run| of(run)));
