@@ -193,7 +193,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 .unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
         };
         if is_heard {
-            *last_heard = filter.agent();
+            *last_heard = posterior;
         }
         *cycle = cycle.wrapping_add(1);
         observer.stage(Stage::Done);

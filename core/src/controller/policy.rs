@@ -9,7 +9,7 @@ use crate::radio::library::Allowed;
 use crate::real::{exp, larger, ln};
 use rand_core::Rng;
 
-/// Guard: against turns too short to settle on a place: cycles that a turn of the search for a lost tag has at least: what it takes to settle on a place.
+/// Tuned: against turns too short to settle on a place: cycles that a turn of the search for a lost tag has at least: what it takes to settle on a place.
 pub const LEAST_TURN_CYCLES: u32 = 15;
 
 /// How the next action is drawn.

@@ -6,7 +6,7 @@ use crate::model::measurement::Ranging;
 use crate::perceptor::association::AssociationSettings;
 use crate::real::larger;
 
-/// Guard: against forgetting in one scan: how fast the number changes, as the variance of its walk per second over that of one
+/// Tuned: forgetting in one scan: how fast the number changes, as the variance of its walk per second over that of one
 /// count.
 pub const WALK_PER_S: f32 = 0.026;
 

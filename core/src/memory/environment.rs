@@ -17,16 +17,16 @@ use nalgebra::{Matrix2, Vector2};
 pub const CONFIRMED: f32 = 0.5;
 /// Guard: against a full map: existence below which it is forgotten.
 pub const FORGOTTEN: f32 = 1e-3;
-/// Guard: against a plan erased by silence: what hides a virtual anchor that was never seen does so for a while, in which
+/// Tuned: against a plan erased by silence: what hides a virtual anchor that was never seen does so for a while, in which
 /// looking again tells nothing new: so many independent looks in a second.
 pub const LOOKS_PER_S: f32 = 2.0;
 /// Guard: against certainty, which no miss would change: a wall can be taken down.
 pub const MOST_CERTAIN: f32 = 0.999;
 
-/// Guard: against two entries for one wall: virtual anchors of one anchor that are nearer than this may be one, metres.
+/// Tuned: against two entries for one wall: virtual anchors of one anchor that are nearer than this may be one, metres.
 pub const NEAR_M: f32 = 0.3;
 
-/// Mathematics: prior probability that a virtual anchor exists of which a plan tells, or discovery: nine of ten.
+/// Tuned: prior probability that a virtual anchor exists of which a plan tells, or discovery: nine of ten.
 pub const TOLD: f32 = 0.9;
 
 /// Position of a virtual anchor (metres) and its covariance (square metres).

@@ -11,7 +11,7 @@ pub const LOGISTIC: f32 = 1.702;
 /// Mathematics: the same for the difference of roots instead of doubled ones.
 const LOGISTIC_ROOTS: f32 = LOGISTIC * core::f32::consts::SQRT_2;
 
-/// Guard: against taking a hidden path for one that never comes: detection probability of a path that is hidden at present, and
+/// Tuned: against taking a hidden path for one that never comes: detection probability of a path that is hidden at present, and
 /// of a virtual anchor that a floor plan tells of and that was never seen: most are hidden from most places, and a few steps on
 /// another one comes out. No memory of misses may make it less, or a path that comes back would go to a false neighbour.
 pub const HIDDEN_DETECTION: f32 = 0.1;

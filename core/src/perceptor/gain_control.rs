@@ -17,16 +17,16 @@ use crate::real::{exp, larger, limited, ln};
 
 /// Mathematics: what stands out: this many times the white noise, which 3 in 10 000 samples of noise alone exceed.
 pub const STANDS_OUT: f32 = 8.0;
-/// Mathematics: standard deviation of ln of its sum about the mean, fitted where pulses of 2 ns overlap; less elsewhere.
+/// Tuned: standard deviation of ln of its sum about the mean, fitted where pulses of 2 ns overlap; less elsewhere.
 pub const DEVIATION_LN: f32 = 0.4;
 /// Mathematics: end of the even distribution of a rise, nats; no unit changes by more.
 pub const MOST_LN: f32 = 10.0;
-/// Mathematics: odds of no rise at no deviation: prior 49 to 1, and the density of the normal distribution over that of the even one.
+/// Tuned: odds of no rise at no deviation: prior 49 to 1, and the density of the normal distribution over that of the even one.
 pub const ODDS: f32 = 49.0 * MOST_LN / (2.5066 * DEVIATION_LN);
-/// Guard: against following a rise before it is told from one of the noise: how fast the mean changes, as the variance of its walk per second over that of one frame; it follows within 1 nat, and by this share of that where the noise has changed for certain, or an
+/// Tuned: against following a rise before it is told from one of the noise: how fast the mean changes, as the variance of its walk per second over that of one frame; it follows within 1 nat, and by this share of that where the noise has changed for certain, or an
 /// interferer stands out.
 pub const WALK_PER_S: f32 = 0.11;
-/// Guard: that share.
+/// Tuned: that share.
 pub const CHANGED_SHARE: f32 = 0.1;
 
 /// What is known of the frames of one anchor.

@@ -4,8 +4,7 @@ use super::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSetti
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
 use crate::error::Error;
-use crate::model::measurement::Measurement;
-use crate::model::measurement::Ranging;
+use crate::model::measurement::{Measurement, Ranging};
 use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::radio::Radio;
 use crate::radio::library::Library;

@@ -246,11 +246,11 @@ pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usiz
         if belief.is_acquiring() || belief.is_doubtful() {
             // Under gain control, what is heard with an action that a lost tag is sought with cannot be compared yet.
             if !receiver.is_sought(scan.anchor) {
-                channel.observe_noise(outcome, library);
+                channel.observe(outcome, library, false);
             }
         } else {
             environment.observe(outcome);
-            channel.observe(outcome, library);
+            channel.observe(outcome, library, true);
         }
         if !belief.is_acquiring() {
             clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);

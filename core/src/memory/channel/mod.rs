@@ -60,22 +60,19 @@ impl Default for ChannelMemorySettings {
     }
 }
 
-/// Guard: against taking the usual noise for what it is at a place: it falls and rises more slowly than the noise, 20 and 500
-/// times at the defaults.
+/// Tuned: how fast the usual noise falls, as the variance of its walk per second over that of one frame: 5 % at 10 Hz.
 pub const USUAL_FALL_PER_S: f32 = 0.026;
-/// Guard: the same, rising.
+/// Tuned: the same, rising: 1 % at 10 Hz.
 pub const USUAL_RISE_PER_S: f32 = 0.001;
-/// Guard: against blaming a familiar carrier for what changes slowly at the place: the same of the excess of noise there, 3 % of a
-/// deviation at 10 Hz.
+/// Tuned: the same of the excess of noise at a familiar action: 3 % at 10 Hz. More blames the carrier for what changes slowly.
 pub const EXCESS_WALK_PER_S: f32 = 0.01;
-/// Mathematics: share of a deviation that an action never heard before takes over: half, between the place's and its own.
+/// Tuned: how much faster the excess of an action never heard before follows.
 pub const EXCESS_NEWS: f32 = 0.5;
-/// Guard: against following a single frame blindly when interference comes or goes.
+/// Tuned: how fast that of any action follows when interference comes or goes.
 pub const EXCESS_JUMP: f32 = 0.6;
-/// Mathematics: mean change of an anchor's noise, as ln, from which on it is interference in part: that of a median of a few
-/// exponentially distributed powers.
+/// Tuned: mean change of an anchor's noise, as ln, from which on it is interference in part.
 pub const JUMP_LN: f32 = 0.6;
-/// Mathematics: and over which it becomes so as a whole.
+/// Tuned: over which it becomes so as a whole.
 pub const JUMP_WIDTH_LN: f32 = 0.4;
 /// Guard: against overflow: bounds of ln SINR (1e-3 to 1e12).
 pub const LEAST_SINR_LN: f32 = -6.9;

@@ -10,12 +10,14 @@ use crate::radio::library::Library;
 use crate::real::larger;
 
 impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory<ANCHORS, VAS, ACTIONS> {
-    /// SINR and visibility of every source of a frame whose path was probably seen.
+    /// SINR and visibility of every source of a frame whose path was probably seen; from roughly where the tag is
+    /// (`is_placed` false), what the noise of the frame tells alone.
     #[inline(never)]
     pub fn observe<const PATHS: usize>(
         &mut self,
         associated: &AssociatedScan<'_, VAS, PATHS>,
         library: &Library<ACTIONS>,
+        is_placed: bool,
     ) {
         let scan = associated.scan;
         if !scan.is_framed() {
@@ -24,27 +26,12 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         let shares = self.shares(scan.action, library);
         let jump = self.jump(associated);
         for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
-            self.observe_source(regression, scan, &shares, belief, jump);
-            self.remember_missed(regression.source, view.found, belief.missed);
-        }
-        self.remember_frame(scan.anchor, &shares);
-    }
-
-    /// What the noise of a frame tells of the SINR of every source, from roughly where the tag is.
-    #[inline(never)]
-    pub fn observe_noise<const PATHS: usize>(
-        &mut self,
-        associated: &AssociatedScan<'_, VAS, PATHS>,
-        library: &Library<ACTIONS>,
-    ) {
-        let scan = associated.scan;
-        if !scan.is_framed() {
-            return;
-        }
-        let shares = self.shares(scan.action, library);
-        let jump = self.jump(associated);
-        for (regression, _) in associated.features() {
-            self.observe_level(regression, scan, &shares, jump);
+            if is_placed {
+                self.observe_source(regression, scan, &shares, belief, jump);
+                self.remember_missed(regression.source, view.found, belief.missed);
+            } else {
+                self.observe_level(regression, scan, &shares, jump);
+            }
         }
         self.remember_frame(scan.anchor, &shares);
     }

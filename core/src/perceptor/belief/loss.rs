@@ -33,7 +33,7 @@ impl Default for BeliefSettings {
     }
 }
 
-/// Guard: against updates far beyond a range's line: sum of the position's variances beyond which one Gaussian cannot be updated by ranges any more, square metres.
+/// Tuned: against updates far beyond a range's line: sum of the position's variances beyond which one Gaussian cannot be updated by ranges any more, square metres.
 pub const WIDEST_M2: f32 = 2.0;
 
 /// The loss monitor.

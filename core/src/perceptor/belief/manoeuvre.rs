@@ -14,7 +14,7 @@ use crate::real::{larger, ln};
 pub const LIKELY: f32 = 0.5;
 /// Mathematics: squared deviations within which a measurement lies near what is expected: 95 %.
 pub const NEAR: f32 = 4.0;
-/// Guard: against weighing two hypotheses in every cycle: share of those that have a measurement near them, below which a manoeuvre is thought of.
+/// Tuned: against weighing two hypotheses in every cycle: share of those that have a measurement near them, below which a manoeuvre is thought of.
 pub const ENOUGH: f32 = 0.7;
 
 /// How many of the direct paths counted on were found where they were expected.
