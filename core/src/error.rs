@@ -34,6 +34,30 @@ pub enum Error {
         /// Index in the list given.
         index: usize,
     },
+    /// More walls, segments or corners of the outline than `SEGMENTS`.
+    PlanSize {
+        /// The most given of any.
+        given: usize,
+        /// The capacity.
+        limit: usize,
+    },
+    /// The plan's turn is not 0 to 1 rad, or its reflections more than 2.
+    PlanSettings,
+    /// A wall of the plan has no segment, or a deviation out of range.
+    PlanWall {
+        /// Its index.
+        index: usize,
+    },
+    /// A segment of the plan is of no wall, off its wall's line, without length, or out of range.
+    PlanSegment {
+        /// Its index.
+        index: usize,
+    },
+    /// A corner of the outline is out of range, or there are fewer than three.
+    PlanOutline {
+        /// Its index.
+        index: usize,
+    },
     /// No anchor with this index.
     UnknownAnchor {
         /// The index asked for.
@@ -193,6 +217,25 @@ impl fmt::Display for Error {
             }
             Error::Geometry { index } => {
                 write!(f, "the position or deviation of entry {index} is out of range")
+            }
+            Error::PlanSize { given, limit } => {
+                write!(
+                    f,
+                    "a plan of {given} walls, segments or corners given, at most {limit} of each allowed"
+                )
+            }
+            Error::PlanSettings => write!(f, "the plan's turn or its number of reflections is out of range"),
+            Error::PlanWall { index } => {
+                write!(f, "wall {index} of the plan has no segment, or a deviation out of range")
+            }
+            Error::PlanSegment { index } => {
+                write!(
+                    f,
+                    "segment {index} of the plan is out of range, without length or off its wall's line"
+                )
+            }
+            Error::PlanOutline { index } => {
+                write!(f, "corner {index} of the outline is out of range, or fewer than three are given")
             }
             Error::UnknownAnchor { anchor } => write!(f, "there is no anchor {anchor}"),
             Error::UnknownAction { action } => write!(f, "there is no action {action} in the library"),

@@ -1,0 +1,294 @@
+//! The floor plan that a device is told: an outline, and walls that may each be shifted and turned.
+
+use super::anchor::MappedVirtualAnchor;
+use super::surface::Line;
+use crate::error::Error;
+use crate::real::{abs, larger, smaller, sqrt};
+use heapless::Vec;
+
+/// Capacity: reflections of a source at most.
+pub const MOST_REFLECTIONS: usize = 2;
+/// Guard: against a wall without a direction: shortest segment, metres.
+const SHORTEST_M: f32 = 0.01;
+/// Guard: against a wall that is no line: segments lie within this of it, metres. Plans are told to the millimetre.
+const OFF_LINE_M: f32 = 0.01;
+
+/// What is known of the surroundings before the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Map<'a> {
+    /// Virtual anchors whose walls are not known, by their positions.
+    pub virtual_anchors: &'a [MappedVirtualAnchor],
+    /// The floor plan.
+    pub plan: Option<Plan<'a>>,
+}
+
+/// A floor plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan<'a> {
+    /// Corners of the outline in order, either way round, metres: the tag is inside. Empty where there is none.
+    pub outline_m: &'a [[f32; 2]],
+    /// The walls, those of the outline among them.
+    pub walls: &'a [PlanWall],
+    /// What the walls consist of.
+    pub segments: &'a [PlanSegment],
+    /// Standard deviation of the angle by which the plan as a whole may be turned, radians (0 to 1).
+    pub turn_std_rad: f32,
+    /// Reflections per path that sources are listed for: 0 to 2.
+    pub reflections: usize,
+}
+
+/// A wall of a plan: how far it may be from where it is told. 0 and 0: it is exactly there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PlanWall {
+    /// Standard deviation of its offset along its normal, metres (0, or 1e-4 to 100).
+    pub offset_std_m: f32,
+    /// Standard deviation of its rotation about its centre, radians (0, or 1e-6 to 1).
+    pub rotation_std_rad: f32,
+}
+
+/// A segment of a wall. All segments of a wall are on one line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PlanSegment {
+    /// Index of its wall.
+    pub wall: usize,
+    /// Both ends, metres (within 10 km of the origin).
+    pub ends_m: [[f32; 2]; 2],
+}
+
+/// A wall as it is kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wall {
+    /// Its line: the centre in the middle of its extent, the normal turned left from the first segment's direction.
+    pub line: Line,
+    /// Half its extent, metres.
+    pub half_length_m: f32,
+    /// How far it may be from there.
+    pub told: PlanWall,
+    /// Its slot in the state filter, where a source is reflected by it.
+    pub surface: Option<u8>,
+}
+
+/// A segment as it is kept: part of a wall's line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// Index of its wall.
+    pub wall: u16,
+    /// Where it begins and ends along the line's tangent, from the centre, metres; ascending.
+    pub extent_m: [f32; 2],
+}
+
+/// A floor plan as it is kept.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FloorPlan<const SEGMENTS: usize> {
+    walls: Vec<Wall, SEGMENTS>,
+    segments: Vec<Segment, SEGMENTS>,
+    outline_m: Vec<[f32; 2], SEGMENTS>,
+}
+
+impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
+    /// The plan as told.
+    ///
+    /// # Errors
+    /// The first wall, segment or corner that is out of range, or more of them than there is room for.
+    #[inline(always)] // built where it stays
+    pub fn new(plan: &Plan<'_>) -> Result<Self, Error> {
+        let Plan { outline_m, walls, segments, turn_std_rad, reflections } = *plan;
+        let given = larger_count(outline_m.len(), larger_count(walls.len(), segments.len()));
+        if given > SEGMENTS {
+            return Err(Error::PlanSize { given, limit: SEGMENTS });
+        }
+        let is_angle = turn_std_rad >= 0.0 && turn_std_rad <= 1.0;
+        if !is_angle || reflections > MOST_REFLECTIONS {
+            return Err(Error::PlanSettings);
+        }
+        let mut kept = Self::default();
+        for (index, told) in walls.iter().enumerate() {
+            let wall = wall(index, told, segments).ok_or(Error::PlanWall { index })?;
+            // As many as were counted: the pushes succeed.
+            let _ = kept.walls.push(wall);
+        }
+        for (index, segment) in segments.iter().enumerate() {
+            let wall = kept.walls.get(segment.wall).ok_or(Error::PlanSegment { index })?;
+            let [from, to] = segment.ends_m;
+            let is_on_line =
+                abs(wall.line.distance_m(from)) <= OFF_LINE_M && abs(wall.line.distance_m(to)) <= OFF_LINE_M;
+            let [a, b] = [wall.line.place_m(from), wall.line.place_m(to)];
+            let extent_m = [smaller(a, b), larger(a, b)];
+            if !is_on_line || !(abs(b - a) >= SHORTEST_M) || !are_near(&segment.ends_m) {
+                return Err(Error::PlanSegment { index });
+            }
+            let _ = kept.segments.push(Segment { wall: segment.wall as u16, extent_m });
+        }
+        if outline_m.len() == 1 || outline_m.len() == 2 {
+            return Err(Error::PlanOutline { index: outline_m.len() });
+        }
+        for (index, corner_m) in outline_m.iter().enumerate() {
+            if !are_near(core::slice::from_ref(corner_m)) {
+                return Err(Error::PlanOutline { index });
+            }
+            let _ = kept.outline_m.push(*corner_m);
+        }
+        Ok(kept)
+    }
+
+    /// The walls.
+    pub fn walls(&self) -> &Vec<Wall, SEGMENTS> {
+        &self.walls
+    }
+
+    /// The segments of all walls.
+    pub fn segments(&self) -> &Vec<Segment, SEGMENTS> {
+        &self.segments
+    }
+
+    /// Corners of the outline, metres.
+    pub fn outline_m(&self) -> &Vec<[f32; 2], SEGMENTS> {
+        &self.outline_m
+    }
+
+    /// Gives a wall its slot in the state filter.
+    pub fn assign(&mut self, wall: usize, surface: u8) {
+        if let Some(wall) = self.walls.get_mut(wall) {
+            wall.surface = Some(surface);
+        }
+    }
+
+    /// The wall that has a slot in the state filter.
+    pub fn wall_of(&self, surface: usize) -> Option<usize> {
+        self.walls.iter().position(|wall| wall.surface.map(usize::from) == Some(surface))
+    }
+
+    /// The middle of the outline's box, or of the walls' where there is no outline, metres.
+    pub fn middle_m(&self) -> [f32; 2] {
+        let mut low = [f32::INFINITY; 2];
+        let mut high = [f32::NEG_INFINITY; 2];
+        let mut cover = |[x, y]: [f32; 2]| {
+            let ([left, bottom], [right, top]) = (low, high);
+            low = [smaller(left, x), smaller(bottom, y)];
+            high = [larger(right, x), larger(top, y)];
+        };
+        if self.outline_m.is_empty() {
+            self.walls.iter().for_each(|wall| cover(wall.line.centre_m));
+        } else {
+            self.outline_m.iter().for_each(|corner_m| cover(*corner_m));
+        }
+        let ([left, bottom], [right, top]) = (low, high);
+        [0.5 * (left + right), 0.5 * (bottom + top)]
+    }
+
+    /// By how far a point lies inside the outline, negative outside, metres; infinite where there is no outline.
+    pub fn depth_m(&self, point_m: [f32; 2]) -> f32 {
+        let [x, y] = point_m;
+        let mut is_inside = false;
+        let mut nearest = f32::INFINITY;
+        let ahead = self.outline_m.iter().cycle().skip(1);
+        for ([ax, ay], [bx, by]) in self.outline_m.iter().zip(ahead) {
+            if (*ay > y) != (*by > y) && x < (bx - ax) * ((y - ay) / (by - ay)) + ax {
+                is_inside = !is_inside;
+            }
+            let (sx, sy) = (bx - ax, by - ay);
+            let length2 = larger(sx * sx + sy * sy, f32::MIN_POSITIVE);
+            let share = crate::real::limited(((x - ax) * sx + (y - ay) * sy) / length2, 0.0, 1.0);
+            let (dx, dy) = (x - (ax + share * sx), y - (ay + share * sy));
+            nearest = smaller(nearest, dx * dx + dy * dy);
+        }
+        if self.outline_m.is_empty() {
+            return f32::INFINITY;
+        }
+        if is_inside { sqrt(nearest) } else { -sqrt(nearest) }
+    }
+}
+
+fn larger_count(a: usize, b: usize) -> usize {
+    if a > b { a } else { b }
+}
+
+/// Whether points are within 10 km of the origin.
+fn are_near(points_m: &[[f32; 2]]) -> bool {
+    // Written so that NaN fails.
+    points_m.iter().all(|[x, y]| abs(*x) <= 1e4 && abs(*y) <= 1e4)
+}
+
+/// The wall that these segments make; `None` where it has none, or deviations out of range.
+fn wall(index: usize, told: &PlanWall, segments: &[PlanSegment]) -> Option<Wall> {
+    let PlanWall { offset_std_m: o, rotation_std_rad: r } = *told;
+    let is_told = (o == 0.0 || (o >= 1e-4 && o <= 100.0)) && (r == 0.0 || (r >= 1e-6 && r <= 1.0));
+    let own = segments.iter().filter(|segment| segment.wall == index);
+    let [[ax, ay], [bx, by]] = own.clone().next()?.ends_m;
+    let (dx, dy) = (bx - ax, by - ay);
+    let length_m = sqrt(dx * dx + dy * dy);
+    if !is_told || !(length_m >= SHORTEST_M) || !are_near(&[[ax, ay], [bx, by]]) {
+        return None;
+    }
+    let [tx, ty] = [dx / length_m, dy / length_m];
+    // Along the tangent, from the first end.
+    let (mut from_m, mut to_m) = (0.0, length_m);
+    for [x, y] in own.flat_map(|segment| segment.ends_m) {
+        let place_m = tx * (x - ax) + ty * (y - ay);
+        (from_m, to_m) = (smaller(from_m, place_m), larger(to_m, place_m));
+    }
+    let middle_m = 0.5 * (from_m + to_m);
+    let line = Line { centre_m: [ax + middle_m * tx, ay + middle_m * ty], normal: [-ty, tx] };
+    Some(Wall { line, half_length_m: 0.5 * (to_m - from_m), told: *told, surface: None })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXACT: PlanWall = PlanWall { offset_std_m: 0.0, rotation_std_rad: 0.0 };
+
+    fn segment(wall: usize, a: [f32; 2], b: [f32; 2]) -> PlanSegment {
+        PlanSegment { wall, ends_m: [a, b] }
+    }
+
+    fn plan<'a>(
+        outline_m: &'a [[f32; 2]],
+        walls: &'a [PlanWall],
+        segments: &'a [PlanSegment],
+    ) -> Result<FloorPlan<8>, Error> {
+        FloorPlan::new(&Plan { outline_m, walls, segments, turn_std_rad: 0.01, reflections: 2 })
+    }
+
+    #[test]
+    fn collinear_segments_are_one_wall_about_the_middle_of_its_extent() {
+        let segments = [segment(0, [1.0, 2.0], [3.0, 2.0]), segment(0, [9.0, 2.0], [5.0, 2.0])];
+        let plan = plan(&[], &[EXACT], &segments).unwrap();
+        let wall = plan.walls()[0];
+        assert_eq!(wall.line, Line { centre_m: [5.0, 2.0], normal: [0.0, 1.0] });
+        assert_eq!(wall.half_length_m, 4.0);
+        // Along the tangent, which is the normal turned left: against the first segment here.
+        assert_eq!(plan.segments()[1].extent_m, [-4.0, 0.0]);
+        assert_eq!(plan.depth_m([1e3, 0.0]), f32::INFINITY);
+    }
+
+    #[test]
+    fn what_is_no_plan_is_refused_by_name() {
+        let ok = [segment(0, [0.0, 0.0], [1.0, 0.0])];
+        let nan = PlanWall { offset_std_m: f32::NAN, rotation_std_rad: 0.0 };
+        assert_eq!(plan(&[], &[nan], &ok).unwrap_err(), Error::PlanWall { index: 0 });
+        assert_eq!(plan(&[], &[EXACT, EXACT], &ok).unwrap_err(), Error::PlanWall { index: 1 });
+        assert_eq!(plan(&[], &[], &ok).unwrap_err(), Error::PlanSegment { index: 0 });
+        let bent = [ok[0], segment(0, [2.0, 0.0], [3.0, 0.1])];
+        assert_eq!(plan(&[], &[EXACT], &bent).unwrap_err(), Error::PlanSegment { index: 1 });
+        assert_eq!(plan(&[[0.0; 2]; 2], &[EXACT], &ok).unwrap_err(), Error::PlanOutline { index: 2 });
+        let far = [[0.0, 0.0], [1e5, 0.0], [1.0, 1.0]];
+        assert_eq!(plan(&far, &[EXACT], &ok).unwrap_err(), Error::PlanOutline { index: 1 });
+        assert_eq!(plan(&[[0.0; 2]; 9], &[], &[]).unwrap_err(), Error::PlanSize { given: 9, limit: 8 });
+        let turned = Plan { outline_m: &[], walls: &[], segments: &[], turn_std_rad: -0.1, reflections: 2 };
+        assert_eq!(FloorPlan::<8>::new(&turned).unwrap_err(), Error::PlanSettings);
+    }
+
+    #[test]
+    fn depth_is_the_distance_from_the_outline_with_a_sign() {
+        let corners = [[0.0, 0.0], [10.0, 0.0], [10.0, 4.0], [5.0, 4.0], [5.0, 8.0], [0.0, 8.0]];
+        let plan = plan(&corners, &[], &[]).unwrap();
+        for (point, depth) in [([1.0, 4.0], 1.0), ([7.0, 6.0], -2.0), ([-3.0, -4.0], -5.0), ([8.0, 2.0], 2.0)]
+        {
+            assert!((plan.depth_m(point) - depth).abs() < 1e-6, "{point:?}: {}", plan.depth_m(point));
+        }
+        assert_eq!(plan.middle_m(), [5.0, 4.0]);
+    }
+}
