@@ -63,5 +63,6 @@ pub mod tracker;
 pub use config::{Config, Variant};
 pub use error::{Error, Setting};
 pub use model::anchor::{Anchor, MappedVirtualAnchor};
+pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
 pub use report::CycleReport;
 pub use tracker::Tracker;

@@ -30,7 +30,7 @@ pub enum Stage {
 }
 
 /// Watches a cycle from inside: to count instructions per stage, to compare intermediates, to draw.
-pub trait Observer<const VAS: usize, const PATHS: usize> {
+pub trait Observer<const SOURCES: usize, const PATHS: usize> {
     /// A stage begins.
     fn stage(&mut self, _stage: Stage) {}
     /// The channel estimator's result for a frame.
@@ -38,12 +38,15 @@ pub trait Observer<const VAS: usize, const PATHS: usize> {
     /// What is expected of an anchor's direct path and of its virtual anchors, in the order of the beliefs that follow.
     fn expectations(&mut self, _anchor: usize, _direct: &Regression, _virtual_anchors: &[Regression]) {}
     /// The measurements of an anchor and the beliefs about them.
-    fn beliefs(&mut self, _anchor: usize, _measurements: &[Measurement], _beliefs: &Beliefs<VAS, PATHS>) {}
+    fn beliefs(&mut self, _anchor: usize, _measurements: &[Measurement], _beliefs: &Beliefs<SOURCES, PATHS>) {
+    }
 }
 
-impl<const VAS: usize, const PATHS: usize> Observer<VAS, PATHS> for () {}
+impl<const SOURCES: usize, const PATHS: usize> Observer<SOURCES, PATHS> for () {}
 
-impl<const VAS: usize, const PATHS: usize, O: Observer<VAS, PATHS> + ?Sized> Observer<VAS, PATHS> for &mut O {
+impl<const SOURCES: usize, const PATHS: usize, O: Observer<SOURCES, PATHS> + ?Sized> Observer<SOURCES, PATHS>
+    for &mut O
+{
     fn stage(&mut self, stage: Stage) {
         (**self).stage(stage);
     }
@@ -56,7 +59,7 @@ impl<const VAS: usize, const PATHS: usize, O: Observer<VAS, PATHS> + ?Sized> Obs
         (**self).expectations(anchor, direct, virtual_anchors);
     }
 
-    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
+    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<SOURCES, PATHS>) {
         (**self).beliefs(anchor, measurements, beliefs);
     }
 }

@@ -6,11 +6,12 @@
 
 mod entries;
 mod stages;
+mod start;
 mod state;
 mod values;
 
-use self::stages::{Heard, associate, expect, locate, remember, revise_map};
-use self::values::{Known, Told, planning_state, visible};
+use self::stages::{Heard, associate, expect, locate, look_through, remember, revise_map};
+use self::values::{Known, Place, Seen, Told, planning_state, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -20,9 +21,11 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
+use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
+use crate::model::plan::FloorPlan;
 use crate::observer::{Observer, Stage};
 use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
@@ -31,20 +34,30 @@ use crate::radio::library::{Action, Library};
 use crate::report::{CycleReport, MapChanges};
 use heapless::Vec;
 
-/// The tracker: all state of the cognitive system, in fixed memory.
+/// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
+/// (and corners of the outline), paths per anchor and actions.
 #[derive(Clone, Debug)]
-pub struct Tracker<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize> {
+pub struct Tracker<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+> {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
+    plan: FloorPlan<SEGMENTS>,
     library: Library<ACTIONS>,
 
     receiver: Receiver<ANCHORS, PATHS>,
     belief: TagBelief<ANCHORS>,
-    filter: StateFilter<ANCHORS, VAS>,
-    environment: EnvironmentMemory<VAS>,
+    filter: StateFilter<ANCHORS, SURFACES>,
+    environment: EnvironmentMemory<SURFACES, SOURCES>,
+    transmission: TransmissionMemory<SEGMENTS>,
     discovery: Discovery<ANCHORS>,
     clutter: ClutterMemory<ANCHORS>,
-    channel: ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    channel: ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     controllers: Controllers<ANCHORS, ACTIONS>,
 
     cycle: u32,
@@ -64,8 +77,14 @@ struct Begun<const ANCHORS: usize> {
     delivered: Delivered<ANCHORS>,
 }
 
-impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
-    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+impl<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>
 {
     /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
     ///
@@ -83,17 +102,19 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     #[inline(never)]
     pub fn finish_observed(
         &mut self,
-        observer: &mut impl Observer<VAS, PATHS>,
+        observer: &mut impl Observer<SOURCES, PATHS>,
     ) -> Result<CycleReport, Error> {
         let Begun { elapsed_s, tag_height, .. } = self.begun.take().ok_or(Error::NotBegun)?;
         let Self {
             config,
             anchors,
+            plan,
             library,
             receiver,
             belief,
             filter,
             environment,
+            transmission,
             discovery,
             clutter,
             channel,
@@ -123,17 +144,19 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);
+        let walls = &walls_now(plan, filter, environment, transmission);
         if belief.is_acquiring() {
             // Candidates are located relative to a tag that is about to jump.
             discovery.clear();
-            let known = Known { filter, environment, channel, clutter };
+            let known = Known { filter, environment, channel, clutter, plan, walls };
             if let Some(agent) = locate(belief, &told, &known, scans) {
                 filter.place(&agent);
             }
         }
         let manoeuvre_over_s = (!belief.is_acquiring()).then_some(unheard_s);
-        let expected = expect(filter, &told, environment, channel, clutter, scans, manoeuvre_over_s);
-        let known = Known { filter, environment, channel, clutter };
+        let expected =
+            expect(filter, &told, environment, channel, clutter, (plan, walls), scans, manoeuvre_over_s);
+        let known = Known { filter, environment, channel, clutter, plan, walls };
         let outcomes = associate(&told, &known, discovery, &expected, observer);
         let evidence_nat = outcomes.iter().fold(0.0, |sum, (outcome, _)| sum + outcome.evidence_nat);
         let lost = belief.watch(evidence_nat, filter.agent());
@@ -148,6 +171,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
 
         observer.stage(Stage::Remember);
         remember(environment, channel, clutter, receiver, &told, belief, controllers, &outcomes);
+        if !acquiring && !belief.is_doubtful() {
+            look_through(transmission, &told, walls, &Place::of(&filter.agent()), &outcomes);
+        }
 
         observer.stage(Stage::Discover);
         let map = if acquiring || belief.is_doubtful() {
@@ -162,8 +188,9 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         let earned =
             reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
         let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
-        let sources = visible(told, environment, filter);
-        let decision = controllers.decide(earned, acquiring, scans, &state, sources, channel, library);
+        let known = Known { filter, environment, channel, clutter, plan, walls };
+        let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(&told, Place::of(&posterior)));
+        let decision = controllers.decide(earned, acquiring, scans, &state, seen.iter(), channel, library);
 
         // While the tag is looked for, nothing is associated with certainty.
         let heard = if acquiring { Heard::default() } else { Heard::of(&outcomes) };

@@ -25,8 +25,8 @@
 //! of tag and source; from another place the power of the path is that of free space, SINR (present distance / distance
 //! there)^2, over unchanged noise. Sources never observed have the memory's prior SINR, at every distance. Within half
 //! a metre of an anchor none of its paths counts: the tracker loses the tag within 0.2 to 0.3 m of one (measured in the
-//! single-anchor room, alike at 40 and 50 dB and at pulses of 0.5 and 1 ns), while the bound has it best there. No
-//! source comes into sight and none goes out of it on the way: the memories hold no walls. As in
+//! single-anchor room, alike at 40 and 50 dB and at pulses of 0.5 and 1 ns), while the bound has it best there. With
+//! a plan, sources come into sight and go out of it on the way as its walls let them. As in
 //! [`crate::controller::planning`], a path counts by the probability that it is visible and found, and correlations of
 //! tag and virtual anchors are left out.
 
@@ -150,23 +150,23 @@ impl fmt::Display for WaypointError {
 impl core::error::Error for WaypointError {}
 
 /// Chooses one of `candidates` (positions, metres; 1 to [`MOST_CANDIDATES`]) on the way to `goal`, by what the memories
-/// know. `visible` are the sources with the action each is received with; `state` is where the tag starts; its
-/// velocity and its length of a cycle are not used, since the way is the one to the candidate and `settings` has the
+/// know. `visible` gives the sources as they are seen from a place (metres), with the action each is received with; `state`
+/// is where the tag starts; its velocity and its length of a cycle are not used, since the way is the one to the candidate and `settings` has the
 /// period.
 ///
 /// # Errors
 /// The first bad input.
-pub fn choose_waypoint<const ACTIONS: usize>(
+pub fn choose_waypoint<const ACTIONS: usize, V: Iterator<Item = (Visible, usize)> + Clone>(
     candidates: &[[f32; 2]],
     goal: Option<[f32; 2]>,
     settings: &WaypointSettings,
     state: &PlanningState,
-    visible: impl Iterator<Item = (Visible, usize)> + Clone,
+    visible: impl Fn([f32; 2]) -> V,
     channel: &impl ChannelKnowledge,
     library: &Library<ACTIONS>,
 ) -> Result<WaypointChoice, WaypointError> {
     check(candidates, goal, settings, state)?;
-    if visible.clone().any(|(_, action)| library.get(action).is_none()) {
+    if visible(state.position_m).any(|(_, action)| library.get(action).is_none()) {
         return Err(WaypointError::Action);
     }
     let mut units_m2 = [0.0; ACTIONS];
@@ -190,7 +190,7 @@ pub fn choose_waypoint<const ACTIONS: usize>(
         };
         let mut walker =
             Walker { place_m: state.position_m, covariance: state.covariance, way: Way::default() };
-        walker.walk(candidate, cycles, 1, state, visible.clone(), &ranging);
+        walker.walk(candidate, cycles, 1, state, &visible, &ranging);
         walker.way.arrival_nat = walker.entropy_nat();
         if let Some(goal) = goal {
             walker.way.remaining_m = distance_m(candidate, goal);
@@ -200,7 +200,7 @@ pub fn choose_waypoint<const ACTIONS: usize>(
                 let to_m = toward(candidate, goal, looked_at / whole);
                 let cycles = (looked_at - ROUNDING) as u32 + 1;
                 let stretch = cycles.div_ceil(PLACES_TO_GOAL);
-                walker.walk(to_m, cycles, stretch, state, visible.clone(), &ranging);
+                walker.walk(to_m, cycles, stretch, state, &visible, &ranging);
             }
         }
         lowest_nat = smaller(lowest_nat, walker.way.lowest_nat);
@@ -338,13 +338,13 @@ impl Walker {
 
     /// Walks straight on to `to_m`, in so many cycles; the information is looked at once for `stretch` of them, in
     /// their middle.
-    fn walk<const ACTIONS: usize>(
+    fn walk<const ACTIONS: usize, V: Iterator<Item = (Visible, usize)> + Clone>(
         &mut self,
         to_m: [f32; 2],
         cycles: u32,
         stretch: u32,
         state: &PlanningState,
-        visible: impl Iterator<Item = (Visible, usize)> + Clone,
+        visible: &impl Fn([f32; 2]) -> V,
         ranging: &RangeQuality<'_, impl ChannelKnowledge, ACTIONS>,
     ) {
         let (from_m, whole) = (self.place_m, cycles as f32);
@@ -355,7 +355,7 @@ impl Walker {
             if cycle > looked_at {
                 let middle = smaller(cycle as f32 + 0.5 * (stretch as f32 - 1.0), whole);
                 let place_m = toward(from_m, to_m, middle / whole);
-                information = ranging.information(visible.clone(), state.position_m, place_m);
+                information = ranging.information(visible(place_m), state.position_m, place_m);
                 looked_at += stretch;
             }
             let predicted = ranging.step.predicted(&self.covariance);
@@ -413,7 +413,10 @@ impl<C: ChannelKnowledge, const ACTIONS: usize> RangeQuality<'_, C, ACTIONS> {
             sinr *= squared(present_m) / squared(place_m);
         }
         // A path tells something only if it is found.
-        let found = known.visibility * detection_probability(sinr, self.threshold);
+        let found = known.visibility * sight.availability * detection_probability(sinr, self.threshold);
+        if found <= 0.0 {
+            return;
+        }
         let unit_m2 = self.units_m2.get(action).copied().unwrap_or(0.0);
         information.add(slope, (unit_m2 / sinr + self.floor_m2 + map_m2) / found);
     }
@@ -428,6 +431,7 @@ mod tests {
     use crate::model::anchor::Anchor;
     use crate::model::measurement::Measurement;
     use crate::model::motion::Motion;
+    use crate::model::plan::Map;
     use crate::radio::library::{LIBRARY_PUBLISHED, LIBRARY_WIDE};
     use nalgebra::{Matrix2, Vector4};
     use std::vec::Vec;
@@ -443,7 +447,8 @@ mod tests {
     fn direct(anchors_m: &[[f32; 2]], height_m: f32) -> Vec<(Visible, usize)> {
         let visible = |(anchor, &position_m): (usize, &[f32; 2])| {
             let covariance_m2 = Matrix2::new(0.0, 0.0, 0.0, 0.0);
-            (Visible { source: Source::Direct { anchor }, position_m, height_m, covariance_m2 }, ACTION)
+            let source = Source::Direct { anchor };
+            (Visible { source, position_m, height_m, covariance_m2, availability: 1.0 }, ACTION)
         };
         anchors_m.iter().enumerate().map(visible).collect()
     }
@@ -500,8 +505,8 @@ mod tests {
         let choose = |candidates: &[[f32; 2]], metres_per_nat: f32, goal: Option<[f32; 2]>| {
             let visible = direct(&[anchor_m], 0.0);
             let settings = settings(metres_per_nat);
-            choose_waypoint(candidates, goal, &settings, &state, visible.into_iter(), &memory, &library)
-                .unwrap()
+            let visible = |_| visible.iter().copied();
+            choose_waypoint(candidates, goal, &settings, &state, visible, &memory, &library).unwrap()
         };
         let seeking = choose(&candidates, 1.0, None);
         assert_eq!((seeking.index, seeking.remaining_m, seeking.cost_m), (1, 0.0, seeking.entropy_nat));
@@ -539,7 +544,7 @@ mod tests {
                 None,
                 &settings,
                 &state,
-                visible.into_iter(),
+                |_| visible.iter().copied(),
                 &memory,
                 &library,
             );
@@ -640,7 +645,8 @@ mod tests {
             let lowest = entropies.iter().copied().fold(f64::INFINITY, f64::min);
             let expected = on_leg[21];
             let choose = |candidates: &[[f32; 2]], goal: Option<[f32; 2]>| {
-                let visible = direct(&anchors_m, height_m).into_iter();
+                let visible = direct(&anchors_m, height_m);
+                let visible = |_| visible.iter().copied();
                 choose_waypoint(candidates, goal, &settings, &state, visible, &memory, &library).unwrap()
             };
             let ours = choose(&[candidate], None);
@@ -688,7 +694,8 @@ mod tests {
             if distance_m(here, goal) < 0.5 {
                 candidates.push(goal);
             }
-            let visible = direct(anchors_m, height_m).into_iter();
+            let visible = direct(anchors_m, height_m);
+            let visible = |_| visible.iter().copied();
             let choice =
                 choose_waypoint(&candidates, Some(goal), &settings, &state, visible, &memory, &library);
             state.position_m = candidates[choice.unwrap().index];
@@ -722,7 +729,8 @@ mod tests {
         let state = state(fixed(1.0, 1.0));
         let entropy = |x: f32, height_m: f32| {
             let settings = WaypointSettings { speed_m_s: 100.0, ..settings(1.0) };
-            let visible = direct(&[[2.0, 0.0]], height_m).into_iter();
+            let visible = direct(&[[2.0, 0.0]], height_m);
+            let visible = |_| visible.iter().copied();
             choose_waypoint(&[[x, 0.0]], None, &settings, &state, visible, &memory, &library)
                 .unwrap()
                 .entropy_nat
@@ -743,7 +751,8 @@ mod tests {
         let tag = state(fixed(1.0, 1.0));
         let asked =
             |candidates: &[[f32; 2]], goal, settings: &WaypointSettings, tag: &PlanningState, action| {
-                let visible = direct(&[[3.0, 0.0]], 0.0).into_iter().map(|(sight, _)| (sight, action));
+                let visible = direct(&[[3.0, 0.0]], 0.0);
+                let visible = |_| visible.iter().map(|(sight, _)| (*sight, action));
                 choose_waypoint(candidates, goal, settings, tag, visible, &memory, &library)
             };
         let one = [[1.0, 1.0]];
@@ -779,8 +788,14 @@ mod tests {
     #[test]
     fn a_tracker_that_does_not_know_where_it_is_says_so() {
         let anchors = [Anchor { position_m: [0.0, 0.0], height_m: 0.0 }];
-        let tracker =
-            Tracker::<1, 1, 4, 40>::new(Config::default(), &anchors, &[], &LIBRARY_PUBLISHED, 1).unwrap();
+        let tracker = Tracker::<1, 1, 1, 1, 4, 40>::new(
+            Config::default(),
+            &anchors,
+            &Map::default(),
+            &LIBRARY_PUBLISHED,
+            1,
+        )
+        .unwrap();
         let answer = tracker.choose_waypoint(&[[1.0, 0.0]], None, None, &settings(1.0));
         assert_eq!(answer, Err(WaypointError::Acquiring));
     }

@@ -31,6 +31,8 @@ pub struct Visible {
     pub height_m: f32,
     /// Covariance of its position, square metres.
     pub covariance_m2: Matrix2<f32>,
+    /// Probability that the plan lets its path through to where the tag is; 1 without a plan.
+    pub availability: f32,
 }
 
 /// Where planning starts from.
@@ -97,7 +99,7 @@ pub struct Planner<'a, C, const ACTIONS: usize> {
 
 /// What a path tells at one action, whatever the geometry.
 struct PathQuality {
-    /// Visibility x SINR.
+    /// Visibility x availability x SINR.
     found: f32,
     /// 1 / P_d.
     odds: f32,
@@ -205,7 +207,7 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
         let root = exp(0.5 * self.channel.sinr_ln(sight.source, action));
         let sinr = root * root;
         PathQuality {
-            found: self.channel.visibility(sight.source) * sinr,
+            found: self.channel.visibility(sight.source) * sight.availability * sinr,
             odds: 1.0 + missed_odds(root, self.threshold_root),
             unit_m2,
             sinr,

@@ -1,11 +1,14 @@
-//! Environment memory: which virtual anchors exist, and how sure that is.
+//! Environment memory: which surfaces exist, and what is seen in them.
 //!
-//! The state filter holds where they are; this memory holds that they are. Existence follows the Bernoulli
-//! recursion of a two-state chain with time and the association's posterior after each; a virtual anchor is confirmed
-//! above 0.5 and forgotten below 1e-3. A virtual anchor that is hidden (its SINR says so) neither proves nor disproves that
-//! it exists, and keeps its existence; one that was never seen loses it slowly.
+//! The state filter holds where surfaces are; this memory holds that they are. Existence belongs to the surface: a wall that
+//! is not there makes none of its images. It follows the Bernoulli recursion of a two-state chain with time and, by each of
+//! the surface's own images (one reflection), the ratio in which association raised or lowered the odds that the image
+//! exists. An image of two surfaces exists where both do. A source that is hidden (its SINR says so) neither proves nor
+//! disproves anything; one that was never seen lowers existence slowly. A private surface is forgotten below 1e-3; a wall that
+//! a plan tells of becomes doubtful and stays.
 
 use crate::model::clock::probability;
+use crate::model::image::Sequence;
 use crate::model::source::Source;
 use crate::perceptor::association::outcome::AssociatedScan;
 use crate::perceptor::expectation::Sighting;
@@ -13,137 +16,206 @@ use crate::real::smaller;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
-/// Mathematics: more probable than not: existence above which a virtual anchor counts for planning and in reports.
+/// Mathematics: more probable than not: existence above which a source counts for planning and in reports.
 pub const CONFIRMED: f32 = 0.5;
-/// Guard: against a full map: existence below which it is forgotten.
+/// Guard: against a full map: existence below which a surface is forgotten.
 pub const FORGOTTEN: f32 = 1e-3;
-/// Tuned: against a plan erased by silence: what hides a virtual anchor that was never seen does so for a while, in which
+/// Tuned: against a plan erased by silence: what hides a source that was never seen does so for a while, in which
 /// looking again tells nothing new: so many independent looks in a second.
 pub const LOOKS_PER_S: f32 = 2.0;
 /// Guard: against certainty, which no miss would change: a wall can be taken down.
 pub const MOST_CERTAIN: f32 = 0.999;
 
-/// Tuned: against two entries for one wall: virtual anchors of one anchor that are nearer than this may be one, metres.
+/// Tuned: against two entries for one wall: images of one anchor that are nearer than this may be one, metres.
 pub const NEAR_M: f32 = 0.3;
 
-/// Tuned: prior probability that a virtual anchor exists of which a plan tells, or discovery: nine of ten.
+/// Tuned: prior probability that a surface exists of which a plan tells, or discovery: nine of ten.
 pub const TOLD: f32 = 0.9;
 
-/// Position of a virtual anchor (metres) and its covariance (square metres).
+/// Position of an image (metres) and its covariance (square metres).
 pub type Placed = (Vector2<f32>, Matrix2<f32>);
 
 /// What has become of a discovery.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Admission {
-    /// It lies within 0.3 m of the anchor or of one of its virtual anchors.
+    /// It lies within 0.3 m of the anchor or of one of its images.
     Known,
     /// There is no room.
     Full,
     /// It is in the map.
     Entered {
-        /// Its slot.
+        /// The slot of the source.
         slot: usize,
-        /// Whether another one gave way.
-        replaced: bool,
+        /// The slot of its private surface.
+        surface: usize,
+        /// What gave way.
+        replaced: Option<Removed>,
     },
 }
 
-/// One virtual anchor.
+/// A source taken out of the map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Removed {
+    /// Its slot.
+    pub slot: usize,
+    /// The slot of the surface that nothing is seen in any more.
+    pub surface: Option<usize>,
+}
+
+/// A source: an image of an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Record {
     /// Index of the physical anchor whose image it is.
     pub anchor: usize,
-    /// Probability that it exists.
-    pub existence: f32,
+    /// The surfaces that it is seen in.
+    pub sequence: Sequence,
     /// Whether its path could be seen in the last scan.
     pub sighting: Sighting,
     /// Scans with a path.
     pub hits: u32,
 }
 
-/// The virtual anchors by slot.
+/// What is known of a surface but where it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SurfaceRecord {
+    /// Probability that it exists.
+    pub existence: f32,
+    /// Whether a plan tells of it: it is then never forgotten.
+    pub is_told: bool,
+}
+
+/// The sources and their surfaces by slot.
 #[derive(Clone, Debug)]
-pub struct EnvironmentMemory<const VAS: usize> {
-    records: [Option<Record>; VAS],
+pub struct EnvironmentMemory<const SURFACES: usize, const SOURCES: usize> {
+    sources: [Option<Record>; SOURCES],
+    surfaces: [Option<SurfaceRecord>; SURFACES],
 }
 
-impl<const VAS: usize> Default for EnvironmentMemory<VAS> {
+impl<const SURFACES: usize, const SOURCES: usize> Default for EnvironmentMemory<SURFACES, SOURCES> {
     fn default() -> Self {
-        Self { records: [None; VAS] }
+        Self { sources: [None; SOURCES], surfaces: [None; SURFACES] }
     }
 }
 
-impl<const VAS: usize> EnvironmentMemory<VAS> {
-    /// The record in `slot`; `None` where the slot is free.
+impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SOURCES> {
+    /// The source in `slot`; `None` where the slot is free.
     pub fn get(&self, slot: usize) -> Option<&Record> {
-        self.records.get(slot)?.as_ref()
+        self.sources.get(slot)?.as_ref()
     }
 
-    /// Slots and records of all virtual anchors.
+    /// The surface in `slot`; `None` where the slot is free.
+    pub fn surface(&self, slot: usize) -> Option<&SurfaceRecord> {
+        self.surfaces.get(slot)?.as_ref()
+    }
+
+    /// Slots and records of all sources.
     pub fn iter(&self) -> impl Iterator<Item = (usize, &Record)> + Clone {
-        self.records.iter().enumerate().filter_map(|(slot, record)| Some((slot, record.as_ref()?)))
+        self.sources.iter().enumerate().filter_map(|(slot, record)| Some((slot, record.as_ref()?)))
     }
 
-    /// The first free slot.
+    /// Probability that the source in `slot` exists: that all its surfaces do. 0 for a free slot.
+    pub fn existence(&self, slot: usize) -> f32 {
+        self.get(slot).map_or(0.0, |record| self.existence_of(&record.sequence))
+    }
+
+    fn existence_of(&self, sequence: &Sequence) -> f32 {
+        let of = |slot: usize| self.surface(slot).map_or(0.0, |surface| surface.existence);
+        sequence.surfaces().fold(1.0, |product, slot| product * of(slot))
+    }
+
+    /// The first free slot of a source.
     pub fn free_slot(&self) -> Option<usize> {
-        self.records.iter().position(Option::is_none)
+        self.sources.iter().position(Option::is_none)
     }
 
-    /// Fills a free slot with a virtual anchor seen `hits` times so far; does nothing where it is taken or does not exist.
-    pub fn insert(&mut self, slot: usize, anchor: usize, existence: f32, hits: u32) {
-        if let Some(record @ None) = self.records.get_mut(slot) {
-            *record = Some(Record {
-                anchor,
-                existence: smaller(existence, MOST_CERTAIN),
-                sighting: Sighting::Open,
-                hits,
-            });
+    /// Fills a free slot with a surface; does nothing where it is taken or does not exist.
+    pub fn insert_surface(&mut self, slot: usize, existence: f32, is_told: bool) {
+        if let Some(place @ None) = self.surfaces.get_mut(slot) {
+            *place = Some(SurfaceRecord { existence: smaller(existence, MOST_CERTAIN), is_told });
         }
     }
 
-    /// Time passes: what is known of virtual anchors gets old, but for those that are hidden. A wall that was there may be gone,
-    /// and one that was not may be there again: silence makes doubtful and never forgets.
+    /// Fills a free slot with a source seen `hits` times so far; does nothing where it is taken or does not exist.
+    pub fn insert(&mut self, slot: usize, anchor: usize, sequence: Sequence, hits: u32) {
+        if let Some(place @ None) = self.sources.get_mut(slot) {
+            *place = Some(Record { anchor, sequence, sighting: Sighting::Open, hits });
+        }
+    }
+
+    /// Time passes: what is known of surfaces gets old, but for those whose images are all hidden. A wall that was there may
+    /// be gone, and one that was not may be there again: silence makes doubtful and never forgets.
     pub fn predict(&mut self, change_per_s: f32, elapsed_s: f32) {
         // A symmetric two-state chain forgets its state at twice the rate at which it turns.
         let changed = 0.5 * probability(2.0 * change_per_s, elapsed_s);
-        for record in self.records.iter_mut().flatten() {
-            if record.sighting == Sighting::Open {
-                record.existence += changed * (1.0 - 2.0 * record.existence);
+        let mut is_open = [false; SURFACES];
+        for record in self.sources.iter().flatten() {
+            if record.sequence.order() == 1
+                && record.sighting == Sighting::Open
+                && let Some(is_open) = is_open.get_mut(usize::from(record.sequence.first))
+            {
+                *is_open = true;
+            }
+        }
+        for (surface, is_open) in self.surfaces.iter_mut().zip(is_open) {
+            if let Some(surface) = surface
+                && is_open
+            {
+                surface.existence += changed * (1.0 - 2.0 * surface.existence);
             }
         }
     }
 
-    /// Enters the outcome of a scan for every virtual anchor of its anchor.
-    pub fn observe<const PATHS: usize>(&mut self, associated: &AssociatedScan<'_, VAS, PATHS>) {
+    /// Enters the outcome of a scan for every image of its anchor.
+    pub fn observe<const PATHS: usize>(&mut self, associated: &AssociatedScan<'_, SOURCES, PATHS>) {
         let look = probability(LOOKS_PER_S, associated.scan.elapsed_s);
-        for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
+        let expected = associated.expected;
+        let features = associated.features().zip(expected.views()).zip(expected.existences());
+        for (((regression, belief), view), prior) in features {
             if let Source::Virtual { slot, .. } = regression.source {
-                self.remember(slot, belief.existence, belief.missed < 0.5, view.sighting, look);
+                self.remember(slot, [prior, belief.existence], belief.missed < 0.5, view.sighting, look);
             }
         }
     }
 
-    /// Enters the outcome of a scan: the posterior existence, whether a path was (probably) seen, and whether it could be;
-    /// `look` is the probability that it tells something new of what is hidden.
-    fn remember(&mut self, slot: usize, existence: f32, seen: bool, sighting: Sighting, look: f32) {
-        if let Some(Some(record)) = self.records.get_mut(slot) {
-            let drop = record.existence - existence;
-            // Where a path is hardly expected, having none tells little; having one tells as much as ever.
-            let existence = match sighting == Sighting::Hidden && drop > 0.0 {
-                true if record.hits > 0 => record.existence,
-                true => record.existence - look * drop,
-                false => existence,
-            };
-            record.existence = smaller(existence, MOST_CERTAIN);
-            record.sighting = sighting;
-            if seen {
-                record.hits = record.hits.saturating_add(1);
-            }
+    /// Enters the outcome of a scan: the existence before and after, whether a path was (probably) seen, and whether it could
+    /// be; `look` is the probability that it tells something new of what is hidden.
+    fn remember(
+        &mut self,
+        slot: usize,
+        [prior, posterior]: [f32; 2],
+        seen: bool,
+        sighting: Sighting,
+        look: f32,
+    ) {
+        let Some(Some(record)) = self.sources.get_mut(slot) else { return };
+        let was_seen = record.hits > 0;
+        record.sighting = sighting;
+        if seen {
+            record.hits = record.hits.saturating_add(1);
         }
+        // What is not seen by two reflections may be either's fault.
+        if record.sequence.order() != 1 {
+            return;
+        }
+        let Some(Some(surface)) = self.surfaces.get_mut(usize::from(record.sequence.first)) else { return };
+        // The odds change by the ratio in which those of the image did.
+        let r = surface.existence;
+        let with = r * (posterior * (1.0 - prior));
+        let without = (1.0 - r) * ((1.0 - posterior) * prior);
+        let updated = with / (with + without);
+        let drop = r - updated;
+        // Where a path is hardly expected, having none tells little; having one tells as much as ever.
+        let updated = match sighting == Sighting::Hidden && drop > 0.0 {
+            true if was_seen => r,
+            true => r - look * drop,
+            false => updated,
+        };
+        surface.existence = smaller(updated, MOST_CERTAIN);
     }
 
-    /// Whether a source is a virtual anchor that was never seen.
+    /// Whether a source is an image that was never seen.
     pub fn is_unseen(&self, source: Source) -> bool {
         match source {
             Source::Direct { .. } => false,
@@ -151,79 +223,108 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
         }
     }
 
-    /// Slots of the virtual anchors of an anchor.
+    /// Slots of the images of an anchor.
     pub fn images_of(&self, anchor: usize) -> impl Iterator<Item = usize> + Clone {
         self.iter().filter(move |(_, record)| record.anchor == anchor).map(|(slot, _)| slot)
     }
 
-    /// When the map is full: forgets the virtual anchor that tells least, the product of its existence and of its detection
-    /// probability (by slot), if that is at most 1/2; returns its slot.
-    pub fn give_way(&mut self, detections: &[f32; VAS]) -> Option<usize> {
+    /// When there is no room: takes out the source that tells least, the product of its existence and of its detection
+    /// probability (by slot), if that is at most 1/2. With `frees_surface`, one whose surface goes with it.
+    pub fn give_way(&mut self, detections: &[f32; SOURCES], frees_surface: bool) -> Option<Removed> {
         let mut least: Option<(usize, f32)> = None;
-        for ((slot, record), detection) in self.records.iter().enumerate().zip(detections) {
+        for ((slot, record), detection) in self.sources.iter().enumerate().zip(detections) {
             let Some(record) = record else { continue };
-            let worth = record.existence * detection;
-            if worth <= CONFIRMED && least.is_none_or(|(_, least)| worth < least) {
+            let worth = self.existence_of(&record.sequence) * detection;
+            if worth <= CONFIRMED
+                && least.is_none_or(|(_, least)| worth < least)
+                && (!frees_surface || self.only_surface_of(slot).is_some())
+            {
                 least = Some((slot, worth));
             }
         }
         let (slot, _) = least?;
-        self.remove(slot);
-        Some(slot)
+        Some(self.remove(slot))
     }
 
-    /// Forgets the virtual anchor in `slot`.
-    pub fn remove(&mut self, slot: usize) {
-        if let Some(record) = self.records.get_mut(slot) {
+    /// The surface of which no plan tells and in which nothing but the source in `slot` is seen.
+    fn only_surface_of(&self, slot: usize) -> Option<usize> {
+        let own = self.get(slot)?;
+        let is_shared =
+            |surface: usize| self.iter().any(|(other, record)| other != slot && record.sequence.has(surface));
+        own.sequence.surfaces().find(|&surface| {
+            self.surface(surface).is_some_and(|record| !record.is_told) && !is_shared(surface)
+        })
+    }
+
+    /// Takes the source in `slot` out, and its surface where nothing else is seen in it and no plan tells of it.
+    pub fn remove(&mut self, slot: usize) -> Removed {
+        let surface = self.only_surface_of(slot);
+        if let Some(surface) = surface.and_then(|surface| self.surfaces.get_mut(surface)) {
+            *surface = None;
+        }
+        if let Some(record) = self.sources.get_mut(slot) {
             *record = None;
         }
+        Removed { slot, surface }
     }
 
-    /// Forgets the virtual anchors that have become improbable, and the younger of two of an anchor that are one;
-    /// `placed` gives where the one in a slot is. Returns their slots.
-    pub fn revise(&mut self, placed: impl Fn(usize) -> Option<Placed>) -> Vec<usize, VAS> {
-        let mut forgotten = Vec::new();
-        for slot in 0..VAS {
-            if self.get(slot).is_some_and(|record| record.existence < FORGOTTEN) {
-                self.remove(slot);
+    /// Takes out what is seen in surfaces that have become improbable and that no plan tells of, and the younger of two images
+    /// of an anchor that are one; `placed` gives where the one in a slot is.
+    pub fn revise(&mut self, placed: impl Fn(&Self, usize) -> Option<Placed>) -> Vec<Removed, SOURCES> {
+        let mut removed = Vec::new();
+        for slot in 0..SOURCES {
+            let is_forgotten = |surface: usize| {
+                self.surface(surface).is_some_and(|record| !record.is_told && record.existence < FORGOTTEN)
+            };
+            if self.get(slot).is_some_and(|record| record.sequence.surfaces().any(is_forgotten)) {
                 // One per slot at most: the pushes succeed.
-                let _ = forgotten.push(slot);
+                let _ = removed.push(self.remove(slot));
             }
         }
-        for slot in 0..VAS {
+        for slot in 0..SOURCES {
             if self.is_doubled(slot, &placed) {
-                self.remove(slot);
-                let _ = forgotten.push(slot);
+                let _ = removed.push(self.remove(slot));
             }
         }
-        forgotten
+        removed
     }
 
-    /// Whether an older virtual anchor of the same anchor is where the one in `slot` is.
-    fn is_doubled(&self, slot: usize, placed: impl Fn(usize) -> Option<Placed>) -> bool {
+    /// Whether an older image of the same anchor is where that of a private surface in `slot` is.
+    fn is_doubled(&self, slot: usize, placed: impl Fn(&Self, usize) -> Option<Placed>) -> bool {
         let Some(record) = self.get(slot) else { return false };
-        let Some((a, c)) = placed(slot) else { return false };
+        if record.hits == 0 || self.only_surface_of(slot).is_none() {
+            return false;
+        }
+        let Some((a, c)) = placed(self, slot) else { return false };
         let is_same = |(other, twin): (usize, &Record)| {
-            let (b, d) = placed(other)?;
+            if twin.anchor != record.anchor || other == slot {
+                return None;
+            }
+            let is_told = self.only_surface_of(other).is_none();
+            let is_older = is_told || twin.hits > record.hits || (twin.hits == record.hits && other < slot);
+            if !is_older {
+                return None;
+            }
+            let (b, d) = placed(self, other)?;
             let (dx, dy) = (b.x - a.x, b.y - a.y);
             let (xx, yx, yy) = (c.m11 + d.m11, c.m21 + d.m21, c.m22 + d.m22);
             let form = yy * (dx * dx) - 2.0 * (yx * (dx * dy)) + xx * (dy * dy);
-            let near = dx * dx + dy * dy < NEAR_M * NEAR_M && form < xx * yy - yx * yx;
-            let older = twin.hits > record.hits || (twin.hits == record.hits && other < slot);
-            (twin.anchor == record.anchor && other != slot && near && older).then_some(())
+            let is_near = dx * dx + dy * dy < NEAR_M * NEAR_M && form < xx * yy - yx * yx;
+            is_near.then_some(())
         };
-        record.hits > 0 && self.iter().any(|entry| is_same(entry).is_some())
+        self.iter().any(|entry| is_same(entry).is_some())
     }
 
-    /// Takes a virtual anchor of `anchor` (at `anchor_m`, metres) in that was discovered at `position`, in the place of the
-    /// one that tells least if there is no other; `detections` are the detection probabilities by slot, asked for only then.
+    /// Takes an image of `anchor` (at `anchor_m`, metres) in that was discovered at `position`, with a private surface, in
+    /// the place of the source that tells least if there is no other; `detections` are the detection probabilities by slot,
+    /// asked for only then.
     pub fn admit(
         &mut self,
         anchor: usize,
         anchor_m: [f32; 2],
         position: Vector2<f32>,
-        placed: impl Fn(usize) -> Option<Placed>,
-        detections: impl FnOnce(&Self) -> [f32; VAS],
+        placed: impl Fn(&Self, usize) -> Option<Placed>,
+        detections: impl FnOnce(&Self) -> [f32; SOURCES],
     ) -> Admission {
         let is_near = |x: f32, y: f32| {
             let (dx, dy) = (position.x - x, position.y - y);
@@ -232,21 +333,28 @@ impl<const VAS: usize> EnvironmentMemory<VAS> {
         let [x, y] = anchor_m;
         let is_known = is_near(x, y)
             || self.iter().any(|(slot, record)| {
-                record.anchor == anchor && placed(slot).is_some_and(|(a, _)| is_near(a.x, a.y))
+                record.anchor == anchor && placed(self, slot).is_some_and(|(a, _)| is_near(a.x, a.y))
             });
         if is_known {
             return Admission::Known;
         }
-        let (slot, replaced) = match self.free_slot() {
-            Some(slot) => (Some(slot), false),
-            None => {
-                let detections = detections(self);
-                (self.give_way(&detections), true)
-            }
-        };
-        let Some(slot) = slot else { return Admission::Full };
-        self.insert(slot, anchor, TOLD, 1);
-        Admission::Entered { slot, replaced }
+        let mut room = self.room();
+        let mut replaced = None;
+        if room.is_none() {
+            let detections = detections(self);
+            let is_surface_free = self.surfaces.iter().any(Option::is_none);
+            replaced = self.give_way(&detections, !is_surface_free);
+            room = self.room();
+        }
+        let Some((slot, surface)) = room else { return Admission::Full };
+        self.insert_surface(surface, TOLD, false);
+        self.insert(slot, anchor, Sequence::of(surface as u8), 1);
+        Admission::Entered { slot, surface, replaced }
+    }
+
+    /// The first free slots of sources and surfaces.
+    fn room(&self) -> Option<(usize, usize)> {
+        Some((self.free_slot()?, self.surfaces.iter().position(Option::is_none)?))
     }
 }
 
@@ -256,16 +364,17 @@ mod tests {
 
     /// Existence after `scans` scans without a path that is there with probability `detection`.
     fn after_misses(hits: u32, detection: f32, sighting: Sighting, scans: usize) -> f32 {
-        let mut memory = EnvironmentMemory::<1>::default();
-        memory.insert(0, 0, 0.9, hits);
+        let mut memory = EnvironmentMemory::<1, 1>::default();
+        memory.insert_surface(0, 0.9, false);
+        memory.insert(0, 0, Sequence::of(0), hits);
         for _ in 0..scans {
             memory.predict(1e-4, 0.1);
-            let r = memory.get(0).map_or(0.0, |record| record.existence);
+            let r = memory.existence(0);
             // Bernoulli: missed although it exists, or because it does not.
             let missed = r * (1.0 - detection) / (1.0 - r * detection);
-            memory.remember(0, missed, false, sighting, probability(LOOKS_PER_S, 0.1));
+            memory.remember(0, [r, missed], false, sighting, probability(LOOKS_PER_S, 0.1));
         }
-        memory.get(0).map_or(0.0, |record| record.existence)
+        memory.existence(0)
     }
 
     #[test]

@@ -22,12 +22,23 @@ pub struct Regression {
     pub source: Source,
     /// Expected range, bias included, metres.
     pub range_m: f32,
-    /// Slope g of the range over d = p - a.
+    /// Slope g of the range over the tag's position.
     pub slope: [f32; 2],
+    /// Its slopes over the numbers of the surfaces that reflect the path.
+    pub surfaces: [SurfaceSlope; 2],
     /// Part of the range's variance that the line does not explain, square metres.
     pub residual_m2: f32,
     /// Part that it does: g' C_d g and the bias, square metres.
     pub explained_m2: f32,
+}
+
+/// Slope of a range over the two numbers of a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceSlope {
+    /// The surface's slot in the state filter; `None` where there is none.
+    pub surface: Option<usize>,
+    /// The slope; 0 where there is none.
+    pub slope: [f32; 2],
 }
 
 impl Regression {

@@ -1,22 +1,24 @@
-//! State filter: the joint Gaussian of tag and virtual anchors, in the reduced form of the unscented filter.
+//! State filter: the joint Gaussian of tag and surfaces, in the reduced form of the unscented filter.
 //!
-//! State: agent x = [p, v] (position and velocity, 2-D), range bias b_j of each anchor (optional), virtual
-//! anchors a_k. Covariance in blocks: `C_xx`, `C_xb[j]`, `C_bb[j][i]`, `C_xa[k]`, `C_ba[k][j]`, `C_aa[k][l]`.
+//! State: agent x = [p, v] (position and velocity, 2-D), range bias b_j of each anchor (optional), two numbers s_k of each
+//! surface ([`crate::model::surface`]). Covariance in blocks: `C_xx`, `C_xb[j]`, `C_bb[j][i]`, `C_xs[k]`, `C_bs[k][j]`,
+//! `C_ss[k][l]`.
 //!
-//! **Prediction** is linear: x <- F x, C_xx <- F C_xx F' + Q, C_xa <- F C_xa, C_xb <- F C_xb
-//! ([`crate::model::motion`]), and a small random walk for the virtual anchors. Nothing else moves.
+//! **Prediction** is linear: x <- F x, C_xx <- F C_xx F' + Q, C_xs <- F C_xs, C_xb <- F C_xb
+//! ([`crate::model::motion`]), and a small random walk for the surfaces. Nothing else moves.
 //!
-//! **Measurement.** A range z = |d| + b depends on d = p - a alone (the anchor's height above the tag enters
-//! |d|). Five sigma points on the 2 x 2 covariance of d (centre weight 1/3, spread sqrt 3: all moments of a
-//! Gaussian to the fifth order) give the statistical linear regression z = mean + g'(d - E d) + residual, which
-//! the joint covariance carries to all other states. All regressions of a cycle are taken before its first
-//! update, and each innovation is corrected by how far the state has moved since: the batch result with
-//! diagonal residuals, whatever the order. Each update is one rank-one change, also where the association is
+//! **Measurement.** A range z = |d| + b depends on d = p - m alone, m being the source's image (the anchor's height above
+//! the tag enters |d|). To first order m moves with its one or two surfaces by its slopes D ([`crate::model::image`]; its
+//! curvature shifts its mean). Five sigma points on the 2 x 2 covariance of d (centre weight 1/3, spread sqrt 3: all moments
+//! of a Gaussian to the fifth order) give the statistical linear regression z = mean + g'(d - E d) + residual, hence slopes g
+//! over p and -D'g over each surface, which the joint covariance carries to all other states. All regressions of a cycle
+//! are taken before its first update, and each innovation is corrected by how far the state has moved since: the batch
+//! result with diagonal residuals, whatever the order. Each update is one rank-one change, also where the association is
 //! soft: with S the innovation variance, beta the total probability, and nu the innovations,
 //! C <- C + (spread / S^2 - beta / S) w w', w = C h.
 //!
-//! **Cheap.** C_aa is nearly the whole covariance, and an update needs only the row of the virtual anchor it is about.
-//! So the changes of C_aa wait until there are four of them (`Pending`) and are made in one pass; the row that an
+//! **Cheap.** C_ss is nearly the whole covariance, and an update needs only the rows of the surfaces it is about.
+//! So the changes of C_ss wait until there are four of them (`Pending`) and are made in one pass; a row that an
 //! update needs is taken as it stands with those that wait. Every entry still sees the same changes in the same
 //! order: the bits are those of one change after the other.
 //!
@@ -24,18 +26,20 @@
 //! more than 2^-10 at once (a smaller measurement variance is raised to that, and the next cycle takes the
 //! rest). Each update first adds 2^-19 of its own variance to every state, the size of its rounding errors. Variances of the predicted range are sums of squares, never differences.
 //!
-//! **Exact.** A virtual anchor inserted with a deviation of 0 is known exactly: it has no variance and no covariance
-//! with anything, prediction leaves it out, every update moves it by w = 0. It stays where it is, to the bit, and its
-//! range tells as much as that of a physical anchor in its place.
+//! **Exact.** A surface inserted with deviations of 0 is known exactly: it has no variance and no covariance with
+//! anything, prediction leaves it out, every update moves it by w = 0. It stays where it is, to the bit, and the range of
+//! its image tells as much as that of a physical anchor in its place.
 //!
 //! **Bounded.** What is never observed must not grow without end: after a prediction, each state whose variance
 //! exceeds its limit is scaled back, C <- D C D with a diagonal D (which keeps C positive definite). A bias is
 //! limited to its prior, the position to the reach of the radio.
 
+use crate::model::image::{Image, Sequence};
 use crate::model::motion::{Agent, Motion, ProcessNoise};
-use crate::model::range::{Regression, SMALLEST_SPREAD_M2, regress_distance};
+use crate::model::range::{Regression, SMALLEST_SPREAD_M2, SurfaceSlope, regress_distance};
 use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::model::source::{Sight, Source};
+use crate::model::surface::Surface;
 use crate::perceptor::association::outcome::Innovation;
 use crate::real::{larger, sqrt};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
@@ -44,44 +48,48 @@ use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 pub const ROUNDING_MARGIN: f32 = 1.0 / 524_288.0;
 /// Guard: against overflow: largest variance of a velocity, (1 km/s)^2.
 pub const VELOCITY_LIMIT: f32 = 1e6;
-/// Guard: against overflow: largest variance of a virtual anchor's coordinate, (1 km)^2.
-pub const VIRTUAL_ANCHOR_LIMIT_M2: f32 = 1e6;
-/// Joint covariance in blocks. Of C_aa, the blocks with l <= k are kept.
+/// Guard: against overflow: largest variance of a surface's number that is a length, (1 km)^2.
+pub const SURFACE_LIMIT_M2: f32 = 1e6;
+/// Guard: against a wall that may be turned any way: largest variance of a wall's rotation, (1 rad)^2.
+pub const ROTATION_LIMIT: f32 = 1.0;
+/// Guard: against certainty: a wall's rotation walks as if its offset 5 m from the centre did: rad per metre, squared.
+pub const ROTATION_WALK_PER_M2: f32 = 0.04;
+/// Joint covariance in blocks. Of C_ss, the blocks with l <= k are kept.
 #[derive(Clone, Debug)]
-struct Covariance<const ANCHORS: usize, const VAS: usize> {
+struct Covariance<const ANCHORS: usize, const SURFACES: usize> {
     xx: Matrix4<f32>,
     xb: [Vector4<f32>; ANCHORS],
     bb: [[f32; ANCHORS]; ANCHORS],
-    xa: [Matrix4x2<f32>; VAS],
-    ba: [[Vector2<f32>; ANCHORS]; VAS],
-    aa: [[Matrix2<f32>; VAS]; VAS],
+    xs: [Matrix4x2<f32>; SURFACES],
+    bs: [[Vector2<f32>; ANCHORS]; SURFACES],
+    ss: [[Matrix2<f32>; SURFACES]; SURFACES],
 }
 
 /// The mean, and with it the direction of an update.
 #[derive(Clone, Debug)]
-struct StateVector<const ANCHORS: usize, const VAS: usize> {
+struct StateVector<const ANCHORS: usize, const SURFACES: usize> {
     agent: Vector4<f32>,
     bias_m: [f32; ANCHORS],
-    virtual_anchors: [Vector2<f32>; VAS],
+    surfaces: [Vector2<f32>; SURFACES],
 }
 
-/// Changes scale w w' that C_aa lacks as yet: at most `N`.
-struct Pending<const VAS: usize, const N: usize> {
+/// Changes scale w w' that C_ss lacks as yet: at most `N`.
+struct Pending<const SURFACES: usize, const N: usize> {
     waiting: usize,
     scale: [f32; N],
-    /// Of every virtual anchor, its part of each w.
-    w: [[Vector2<f32>; N]; VAS],
+    /// Of every surface, its part of each w.
+    w: [[Vector2<f32>; N]; SURFACES],
 }
 
-/// Capacity: so many changes of C_aa are made in one pass: as many as the registers hold.
+/// Capacity: so many changes of C_ss are made in one pass: as many as the registers hold.
 const CHANGES_PER_PASS: usize = 4;
 
-impl<const VAS: usize, const N: usize> Pending<VAS, N> {
+impl<const SURFACES: usize, const N: usize> Pending<SURFACES, N> {
     fn new() -> Self {
-        Self { waiting: 0, scale: [0.0; N], w: [[Vector2::new(0.0, 0.0); N]; VAS] }
+        Self { waiting: 0, scale: [0.0; N], w: [[Vector2::new(0.0, 0.0); N]; SURFACES] }
     }
 
-    fn push(&mut self, scale: f32, w: &[Vector2<f32>; VAS]) {
+    fn push(&mut self, scale: f32, w: &[Vector2<f32>; SURFACES]) {
         if let Some(place) = self.scale.get_mut(self.waiting) {
             *place = scale;
         }
@@ -94,7 +102,7 @@ impl<const VAS: usize, const N: usize> Pending<VAS, N> {
     }
 
     /// One of the changes, alone.
-    fn only(&self, change: usize) -> Option<Pending<VAS, 1>> {
+    fn only(&self, change: usize) -> Option<Pending<SURFACES, 1>> {
         let mut only = Pending::new();
         for (place, w) in only.w.iter_mut().zip(&self.w) {
             *place = [*w.get(change)?];
@@ -104,7 +112,7 @@ impl<const VAS: usize, const N: usize> Pending<VAS, N> {
         Some(only)
     }
 
-    /// The virtual anchor's parts of all w, times their scales.
+    /// A surface's parts of all w, times their scales.
     fn scaled(&self, w: &[Vector2<f32>; N]) -> [Vector2<f32>; N] {
         let mut scaled = *w;
         for (w, scale) in scaled.iter_mut().zip(&self.scale) {
@@ -114,7 +122,7 @@ impl<const VAS: usize, const N: usize> Pending<VAS, N> {
     }
 }
 
-/// C_aa[k][l] <- C_aa[k][l] + (scale w_k) w_l'.
+/// C_ss[k][l] <- C_ss[k][l] + (scale w_k) w_l'.
 #[inline(always)]
 fn change_once(block: &mut Matrix2<f32>, k: &Vector2<f32>, l: &Vector2<f32>) {
     block.m11 += k.x * l.x;
@@ -149,19 +157,19 @@ fn change_all(block: &mut Matrix2<f32>, scaled_k: &[Vector2<f32>], w_l: &[Vector
     }
 }
 
-/// The joint filter of a tag and up to `VAS` virtual anchors, seen from up to `ANCHORS` physical ones.
+/// The joint filter of a tag and up to `SURFACES` surfaces, seen from up to `ANCHORS` physical anchors.
 #[derive(Clone, Debug)]
-pub struct StateFilter<const ANCHORS: usize, const VAS: usize> {
-    mean: StateVector<ANCHORS, VAS>,
-    covariance: Covariance<ANCHORS, VAS>,
-    occupied: [bool; VAS],
+pub struct StateFilter<const ANCHORS: usize, const SURFACES: usize> {
+    mean: StateVector<ANCHORS, SURFACES>,
+    covariance: Covariance<ANCHORS, SURFACES>,
+    surfaces: [Option<Surface>; SURFACES],
     estimate_bias: bool,
     bias_limit_m2: f32,
     motion: Motion,
 }
 
-impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
-    /// A tag somewhere around `position_m` with no virtual anchors. A `bias_std_m` of 0 switches the biases off
+impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES> {
+    /// A tag somewhere around `position_m` with no surfaces. A `bias_std_m` of 0 switches the biases off
     /// (they stay at `bias_mean_m`).
     #[inline(always)] // built where it stays
     pub fn new(
@@ -185,17 +193,17 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             mean: StateVector {
                 agent: Vector4::new(x, y, 0.0, 0.0),
                 bias_m: [bias_mean_m; ANCHORS],
-                virtual_anchors: [Vector2::new(0.0, 0.0); VAS],
+                surfaces: [Vector2::new(0.0, 0.0); SURFACES],
             },
             covariance: Covariance {
                 xx: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
                 xb: [Vector4::new(0.0, 0.0, 0.0, 0.0); ANCHORS],
                 bb,
-                xa: [Matrix4x2::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0); VAS],
-                ba: [[Vector2::new(0.0, 0.0); ANCHORS]; VAS],
-                aa: [[Matrix2::new(0.0, 0.0, 0.0, 0.0); VAS]; VAS],
+                xs: [Matrix4x2::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0); SURFACES],
+                bs: [[Vector2::new(0.0, 0.0); ANCHORS]; SURFACES],
+                ss: [[Matrix2::new(0.0, 0.0, 0.0, 0.0); SURFACES]; SURFACES],
             },
-            occupied: [false; VAS],
+            surfaces: [None; SURFACES],
             estimate_bias: bias_std_m > 0.0,
             bias_limit_m2: bias_std_m * bias_std_m,
             motion,
@@ -235,12 +243,80 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         Some((*mean, *variance))
     }
 
-    /// Position of the virtual anchor in `slot` and its covariance; `None` for a free slot.
-    pub fn virtual_anchor(&self, slot: usize) -> Option<(Vector2<f32>, Matrix2<f32>)> {
-        if !*self.occupied.get(slot)? {
-            return None;
+    /// What the surface in `slot` is, its two numbers and their covariance; `None` for a free slot.
+    pub fn surface(&self, slot: usize) -> Option<(Surface, Vector2<f32>, Matrix2<f32>)> {
+        let surface = (*self.surfaces.get(slot)?)?;
+        Some((surface, *self.mean.surfaces.get(slot)?, *self.covariance.ss.get(slot)?.get(slot)?))
+    }
+
+    /// The first free slot.
+    pub fn free_slot(&self) -> Option<usize> {
+        self.surfaces.iter().position(Option::is_none)
+    }
+
+    /// The image of an anchor in a sequence of surfaces; `None` where one of them is free.
+    pub fn image(&self, anchor_m: [f32; 2], sequence: &Sequence) -> Option<Image> {
+        let surface = |slot: u8| {
+            let slot = usize::from(slot);
+            Some((self.surfaces.get(slot)?.as_ref()?, self.mean.surfaces.get(slot)?))
+        };
+        let (surface_1, state) = surface(sequence.first)?;
+        let image = Image::first(anchor_m, surface_1, state);
+        let Some(second) = sequence.second else { return Some(image) };
+        let (surface_2, state) = surface(second)?;
+        Some(image.second(surface_2, state))
+    }
+
+    /// Where an image is expected, metres, and the covariance of its position, square metres.
+    pub fn placed(&self, anchor_m: [f32; 2], sequence: &Sequence) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+        let image = self.image(anchor_m, sequence)?;
+        let [first, second] = self.slots(sequence);
+        let mut spread = self.own_spread(&image, first, second)?;
+        spread.m12 = spread.m21;
+        Some((self.expected_m(&image, first, second)?, spread))
+    }
+
+    /// The slots of a sequence.
+    fn slots(&self, sequence: &Sequence) -> [Option<usize>; 2] {
+        [Some(usize::from(sequence.first)), sequence.second.map(usize::from)]
+    }
+
+    /// Covariance of two surfaces' numbers, those of the first in the rows.
+    fn between(&self, first: usize, second: usize) -> Option<Matrix2<f32>> {
+        if first >= second {
+            return Some(*self.covariance.ss.get(first)?.get(second)?);
         }
-        Some((*self.mean.virtual_anchors.get(slot)?, *self.covariance.aa.get(slot)?.get(slot)?))
+        let block = self.covariance.ss.get(second)?.get(first)?;
+        Some(Matrix2::new(block.m11, block.m21, block.m12, block.m22))
+    }
+
+    /// Where an image is expected: its curvature shifts the mean.
+    fn expected_m(&self, image: &Image, first: Option<usize>, second: Option<usize>) -> Option<Vector2<f32>> {
+        let none = Matrix2::new(0.0, 0.0, 0.0, 0.0);
+        let own = |slot: Option<usize>| slot.map_or(Some(none), |slot| self.between(slot, slot));
+        let cross = match (first, second) {
+            (Some(first), Some(second)) => self.between(first, second)?,
+            _ => none,
+        };
+        let shift = image.shift_m(&[own(first)?, own(second)?], &cross);
+        Some(Vector2::new(image.position_m.x + shift.x, image.position_m.y + shift.y))
+    }
+
+    /// D C_ss D' of an image: its entries on and below the diagonal.
+    fn own_spread(&self, image: &Image, first: Option<usize>, second: Option<usize>) -> Option<Matrix2<f32>> {
+        let [d1, d2] = &image.slopes;
+        let first = first?;
+        let mut spread = sandwiched(d1, &self.between(first, first)?);
+        if let Some(second) = second {
+            let own = sandwiched(d2, &self.between(second, second)?);
+            // D_1 C_12 D_2' and its transpose.
+            let c = self.between(first, second)?;
+            let k = times_transposed(&times(d1, &c), d2);
+            spread.m11 += own.m11 + 2.0 * k.m11;
+            spread.m21 += own.m21 + (k.m21 + k.m12);
+            spread.m22 += own.m22 + 2.0 * k.m22;
+        }
+        Some(spread)
     }
 
     /// Puts the tag somewhere else: its covariance with everything else is gone.
@@ -249,19 +325,24 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         let c = &mut self.covariance;
         c.xx = agent.covariance;
         c.xb.iter_mut().for_each(|cross| cross.fill(0.0));
-        c.xa.iter_mut().for_each(|cross| cross.fill(0.0));
+        c.xs.iter_mut().for_each(|cross| cross.fill(0.0));
     }
 
-    /// Adds a virtual anchor that is not correlated with anything; false where `slot` is taken or does not exist. With a
-    /// `std_m` of 0 it is known exactly and stays where it is.
-    pub fn insert_independent(&mut self, slot: usize, position_m: [f32; 2], std_m: f32) -> bool {
-        let [x, y] = position_m;
-        let variance = std_m * std_m;
-        self.insert(slot, Vector2::new(x, y), Matrix2::new(variance, 0.0, 0.0, variance))
+    /// Adds a surface that is not correlated with anything, with the standard deviations of its two numbers; false where
+    /// `slot` is taken or does not exist. With deviations of 0 it is known exactly and stays where it is.
+    pub fn insert_independent(
+        &mut self,
+        slot: usize,
+        surface: Surface,
+        state: Vector2<f32>,
+        std: [f32; 2],
+    ) -> bool {
+        let [first, second] = std;
+        self.insert(slot, surface, state, Matrix2::new(first * first, 0.0, 0.0, second * second))
     }
 
-    /// Adds a virtual anchor located relative to the tag's position p: its deviation is `gain` (p - E p) plus an error
-    /// of covariance `own`. Hence C_aa = G C_pp G' + C_own and C_a* = G C_p* for every other state.
+    /// Adds a private surface located relative to the tag's position p: its deviation is `gain` (p - E p) plus an error
+    /// of covariance `own`. Hence C_ss = G C_pp G' + C_own and C_s* = G C_p* for every other state.
     pub fn insert_relative(
         &mut self,
         slot: usize,
@@ -269,36 +350,36 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         gain: &Matrix2<f32>,
         own: &Matrix2<f32>,
     ) -> bool {
-        if !self.insert(slot, position, *own) {
+        if !self.insert(slot, Surface::Private, position, *own) {
             return false;
         }
         let c = &mut self.covariance;
-        // Row of C_a* for a column (x, y) of C_p*.
+        // Row of C_s* for a column (x, y) of C_p*.
         let carried = |x: f32, y: f32| (gain.m11 * x + gain.m12 * y, gain.m21 * x + gain.m22 * y);
         let xx = c.xx;
         let (m11, m12) = carried(xx.m11, xx.m21);
         let (m21, m22) = carried(xx.m21, xx.m22);
         let (m31, m32) = carried(xx.m31, xx.m32);
         let (m41, m42) = carried(xx.m41, xx.m42);
-        if let Some(cross) = c.xa.get_mut(slot) {
+        if let Some(cross) = c.xs.get_mut(slot) {
             *cross = Matrix4x2::new(m11, m12, m21, m22, m31, m32, m41, m42);
         }
-        if let Some(row) = c.ba.get_mut(slot) {
-            for (ba, xb) in row.iter_mut().zip(&c.xb) {
+        if let Some(row) = c.bs.get_mut(slot) {
+            for (bs, xb) in row.iter_mut().zip(&c.xb) {
                 let (x, y) = carried(xb.x, xb.y);
-                *ba = Vector2::new(x, y);
+                *bs = Vector2::new(x, y);
             }
         }
         // Earlier slots: this row's blocks. Later slots: the blocks of their rows, transposed.
-        for (row, xa) in c.aa.iter_mut().zip(&c.xa).skip(slot + 1) {
+        for (row, xs) in c.ss.iter_mut().zip(&c.xs).skip(slot + 1) {
             if let Some(block) = row.get_mut(slot) {
-                let ((xx, yx), (xy, yy)) = (carried(xa.m11, xa.m21), carried(xa.m12, xa.m22));
+                let ((xx, yx), (xy, yy)) = (carried(xs.m11, xs.m21), carried(xs.m12, xs.m22));
                 *block = Matrix2::new(xx, yx, xy, yy);
             }
         }
-        if let Some(row) = c.aa.get_mut(slot) {
-            for (block, xa) in row.iter_mut().zip(&c.xa).take(slot) {
-                let ((xx, yx), (xy, yy)) = (carried(xa.m11, xa.m21), carried(xa.m12, xa.m22));
+        if let Some(row) = c.ss.get_mut(slot) {
+            for (block, xs) in row.iter_mut().zip(&c.xs).take(slot) {
+                let ((xx, yx), (xy, yy)) = (carried(xs.m11, xs.m21), carried(xs.m12, xs.m22));
                 *block = Matrix2::new(xx, xy, yx, yy);
             }
             if let Some(block) = row.get_mut(slot) {
@@ -309,29 +390,49 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         true
     }
 
-    fn insert(&mut self, slot: usize, position: Vector2<f32>, own: Matrix2<f32>) -> bool {
-        let Some(occupied) = self.occupied.get_mut(slot) else { return false };
-        if *occupied {
-            return false;
-        }
-        *occupied = true;
-        if let Some(mean) = self.mean.virtual_anchors.get_mut(slot) {
-            *mean = position;
+    fn insert(&mut self, slot: usize, surface: Surface, state: Vector2<f32>, own: Matrix2<f32>) -> bool {
+        let Some(place @ None) = self.surfaces.get_mut(slot) else { return false };
+        *place = Some(surface);
+        if let Some(mean) = self.mean.surfaces.get_mut(slot) {
+            *mean = state;
         }
         self.clear_covariance(slot);
-        if let Some(block) = self.covariance.aa.get_mut(slot).and_then(|row| row.get_mut(slot)) {
+        if let Some(block) = self.covariance.ss.get_mut(slot).and_then(|row| row.get_mut(slot)) {
             *block = own;
         }
         true
     }
 
-    /// Takes a virtual anchor out of the state; false where `slot` is free.
+    /// A deviation that surfaces have in common, of this variance: `slopes` tells what of it each surface's two numbers
+    /// are. C_ss <- C_ss + variance h h'; surfaces known exactly have none.
+    pub fn correlate(&mut self, variance: f32, slopes: impl Fn(usize, &Surface) -> [f32; 2]) {
+        let mut common = [Vector2::new(0.0, 0.0); SURFACES];
+        let rows = self.surfaces.iter().zip(&self.covariance.ss);
+        for (slot, (common, (surface, row))) in common.iter_mut().zip(rows).enumerate() {
+            let Some(own) = row.get(slot) else { continue };
+            if let Some(surface) = surface {
+                let [first, second] = slopes(slot, surface);
+                common.x = if own.m11 > 0.0 { first } else { 0.0 };
+                common.y = if own.m22 > 0.0 { second } else { 0.0 };
+            }
+        }
+        for (k, (row, own)) in self.covariance.ss.iter_mut().zip(&common).enumerate() {
+            let scaled = Vector2::new(variance * own.x, variance * own.y);
+            for (block, other) in row.iter_mut().zip(&common).take(k + 1) {
+                change_once(block, &scaled, other);
+            }
+            if let Some(block) = row.get_mut(k) {
+                block.m12 = block.m21;
+            }
+        }
+    }
+
+    /// Takes a surface out of the state; false where `slot` is free.
     pub fn remove(&mut self, slot: usize) -> bool {
-        let Some(occupied) = self.occupied.get_mut(slot) else { return false };
-        let was = *occupied;
-        *occupied = false;
+        let Some(surface) = self.surfaces.get_mut(slot) else { return false };
+        let was = surface.take().is_some();
         self.clear_covariance(slot);
-        if let Some(mean) = self.mean.virtual_anchors.get_mut(slot) {
+        if let Some(mean) = self.mean.surfaces.get_mut(slot) {
             *mean = Vector2::new(0.0, 0.0);
         }
         was
@@ -339,16 +440,16 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
 
     fn clear_covariance(&mut self, slot: usize) {
         let c = &mut self.covariance;
-        if let Some(block) = c.xa.get_mut(slot) {
+        if let Some(block) = c.xs.get_mut(slot) {
             block.fill(0.0);
         }
-        if let Some(row) = c.ba.get_mut(slot) {
+        if let Some(row) = c.bs.get_mut(slot) {
             row.iter_mut().for_each(|cross| cross.fill(0.0));
         }
-        if let Some(row) = c.aa.get_mut(slot) {
+        if let Some(row) = c.ss.get_mut(slot) {
             row.iter_mut().for_each(|block| block.fill(0.0));
         }
-        for row in &mut c.aa {
+        for row in &mut c.ss {
             if let Some(block) = row.get_mut(slot) {
                 block.fill(0.0);
             }
@@ -372,10 +473,8 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         }
         let walk_m2 =
             self.motion.virtual_anchor_walk_m_sqrt_s * self.motion.virtual_anchor_walk_m_sqrt_s * elapsed_s;
-        for (k, ((cross, row), occupied)) in c.xa.iter_mut().zip(&mut c.aa).zip(&self.occupied).enumerate() {
-            if !occupied {
-                continue;
-            }
+        for (k, ((cross, row), surface)) in c.xs.iter_mut().zip(&mut c.ss).zip(&self.surfaces).enumerate() {
+            let Some(surface) = surface else { continue };
             cross.m11 += drift * cross.m31;
             cross.m21 += drift * cross.m41;
             cross.m12 += drift * cross.m32;
@@ -385,12 +484,16 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             cross.m32 *= decay;
             cross.m42 *= decay;
             if let Some(block) = row.get_mut(k) {
+                let second = match surface {
+                    Surface::Private => walk_m2,
+                    Surface::Wall(_) => walk_m2 * ROTATION_WALK_PER_M2,
+                };
                 // What has no variance is known exactly.
                 if block.m11 > 0.0 {
                     block.m11 += walk_m2;
                 }
                 if block.m22 > 0.0 {
-                    block.m22 += walk_m2;
+                    block.m22 += second;
                 }
             }
         }
@@ -412,9 +515,9 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 }
             }
         }
-        for (k, (row, occupied)) in c.aa.iter_mut().zip(&self.occupied).enumerate() {
+        for (k, (row, surface)) in c.ss.iter_mut().zip(&self.surfaces).enumerate() {
             if let Some(block) = row.get_mut(k)
-                && *occupied
+                && surface.is_some()
             {
                 block.m11 *= margin;
                 block.m22 *= margin;
@@ -459,11 +562,15 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 }
             }
         }
-        let mut a = [Vector2::new(1.0, 1.0); VAS];
-        for (k, (factor_a, row)) in a.iter_mut().zip(&c.aa).enumerate() {
+        let mut s = [Vector2::new(1.0, 1.0); SURFACES];
+        for (k, ((factor_s, row), surface)) in s.iter_mut().zip(&c.ss).zip(&self.surfaces).enumerate() {
             if let Some(own) = row.get(k) {
-                factor_a.x = factor(own.m11, VIRTUAL_ANCHOR_LIMIT_M2);
-                factor_a.y = factor(own.m22, VIRTUAL_ANCHOR_LIMIT_M2);
+                let second = match surface {
+                    Some(Surface::Wall(_)) => ROTATION_LIMIT,
+                    _ => SURFACE_LIMIT_M2,
+                };
+                factor_s.x = factor(own.m11, SURFACE_LIMIT_M2);
+                factor_s.y = factor(own.m22, second);
             }
         }
         if !exceeded {
@@ -478,47 +585,60 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 *entry *= fb * other;
             }
         }
-        for (((xa, ba), row), fa) in c.xa.iter_mut().zip(&mut c.ba).zip(&mut c.aa).zip(&a) {
-            for (column, fc) in xa.column_iter_mut().zip(fa.iter()) {
+        for (((xs, bs), row), fs) in c.xs.iter_mut().zip(&mut c.bs).zip(&mut c.ss).zip(&s) {
+            for (column, fc) in xs.column_iter_mut().zip(fs.iter()) {
                 scale(column, x.iter(), *fc);
             }
-            for (cross, fb) in ba.iter_mut().zip(&b) {
-                scale(cross.column_mut(0), fa.iter(), *fb);
+            for (cross, fb) in bs.iter_mut().zip(&b) {
+                scale(cross.column_mut(0), fs.iter(), *fb);
             }
-            for (block, fl) in row.iter_mut().zip(&a) {
+            for (block, fl) in row.iter_mut().zip(&s) {
                 for (column, fc) in block.column_iter_mut().zip(fl.iter()) {
-                    scale(column, fa.iter(), *fc);
+                    scale(column, fs.iter(), *fc);
                 }
             }
         }
     }
 
-    /// Regression of the range to `source` on the current state; `None` for a free slot or unknown anchor.
-    pub fn regress(&self, source: Source, sight: &Sight) -> Option<Regression> {
+    /// Regression of the range to `source` on the current state; `sequence` is what reflects it, `None` for a direct path.
+    /// `None` for a free slot or unknown anchor.
+    pub fn regress(&self, source: Source, sight: &Sight, sequence: Option<&Sequence>) -> Option<Regression> {
         let c = &self.covariance;
         let agent = &self.mean.agent;
         let anchor = source.anchor();
         let bias = *self.mean.bias_m.get(anchor)?;
-        let (distance, spread, bias_cross) = match source {
-            Source::Direct { .. } => {
-                let [ax, ay] = sight.anchor_m;
-                let xb = c.xb.get(anchor)?;
-                let xx = &c.xx;
-                ([agent.x - ax, agent.y - ay], [xx.m11, xx.m21, xx.m22], [xb.x, xb.y])
-            }
-            Source::Virtual { slot, .. } => {
-                let (a, own) = self.virtual_anchor(slot)?;
-                let xa = c.xa.get(slot)?;
-                let xb = c.xb.get(anchor)?;
-                let ba = c.ba.get(slot)?.get(anchor)?;
-                let spread = [
-                    c.xx.m11 - 2.0 * xa.m11 + own.m11,
-                    c.xx.m21 - (xa.m21 + xa.m12) + own.m21,
-                    c.xx.m22 - 2.0 * xa.m22 + own.m22,
-                ];
-                ([agent.x - a.x, agent.y - a.y], spread, [xb.x - ba.x, xb.y - ba.y])
-            }
+        let xb = c.xb.get(anchor)?;
+        let xx = &c.xx;
+        let image = match sequence {
+            None => Image::still(sight.anchor_m),
+            Some(sequence) => self.image(sight.anchor_m, sequence)?,
         };
+        let slots = sequence.map_or([None; 2], |sequence| self.slots(sequence));
+        let [first, second] = slots;
+        let mut position_m = image.position_m;
+        let mut spread = [xx.m11, xx.m21, xx.m22];
+        let mut bias_cross = [xb.x, xb.y];
+        if first.is_some() {
+            position_m = self.expected_m(&image, first, second)?;
+            let [mut sxx, mut syx, mut syy] = spread;
+            let [mut cx, mut cy] = bias_cross;
+            for (slot, d) in slots.iter().zip(&image.slopes) {
+                let Some(slot) = *slot else { continue };
+                // C_pm of this surface's part.
+                let xs = c.xs.get(slot)?;
+                let k = times_transposed(&Matrix2::new(xs.m11, xs.m12, xs.m21, xs.m22), d);
+                sxx -= 2.0 * k.m11;
+                syx -= k.m21 + k.m12;
+                syy -= 2.0 * k.m22;
+                let bs = c.bs.get(slot)?.get(anchor)?;
+                cx -= d.m11 * bs.x + d.m12 * bs.y;
+                cy -= d.m21 * bs.x + d.m22 * bs.y;
+            }
+            let own = self.own_spread(&image, first, second)?;
+            spread = [sxx + own.m11, syx + own.m21, syy + own.m22];
+            bias_cross = [cx, cy];
+        }
+        let distance = [agent.x - position_m.x, agent.y - position_m.y];
         let line = regress_distance(distance, spread, sight.height_m, sight.height_std_m);
         let [gx, gy] = line.slope;
         let mut explained_m2 = line.explained_m2;
@@ -527,10 +647,16 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             let [cx, cy] = bias_cross;
             explained_m2 = larger(explained_m2 + 2.0 * (gx * cx + gy * cy) + own, SMALLEST_SPREAD_M2);
         }
+        let [d1, d2] = &image.slopes;
+        let over = |slot: Option<usize>, d: &Matrix2<f32>| SurfaceSlope {
+            surface: slot,
+            slope: [-(gx * d.m11 + gy * d.m21), -(gx * d.m12 + gy * d.m22)],
+        };
         Some(Regression {
             source,
             range_m: line.range_m + bias,
             slope: line.slope,
+            surfaces: [over(first, d1), over(second, d2)],
             residual_m2: line.residual_m2,
             explained_m2,
         })
@@ -544,7 +670,7 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         }
         self.cover_rounding();
         let prior = self.mean.clone();
-        let mut pending = Pending::<VAS, CHANGES_PER_PASS>::new();
+        let mut pending = Pending::<SURFACES, CHANGES_PER_PASS>::new();
         for innovation in innovations {
             self.apply(&innovation, &prior, &mut pending);
             if pending.waiting == CHANGES_PER_PASS {
@@ -552,6 +678,11 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 pending.waiting = 0;
             }
         }
+        self.settle_all(&pending);
+    }
+
+    /// Makes the changes that wait, one by one.
+    fn settle_all<const N: usize>(&mut self, pending: &Pending<SURFACES, N>) {
         for change in 0..pending.waiting {
             if let Some(change) = pending.only(change) {
                 self.settle(&change);
@@ -562,8 +693,8 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
     fn apply<const N: usize>(
         &mut self,
         innovation: &Innovation,
-        prior: &StateVector<ANCHORS, VAS>,
-        pending: &mut Pending<VAS, N>,
+        prior: &StateVector<ANCHORS, SURFACES>,
+        pending: &mut Pending<SURFACES, N>,
     ) {
         let regression = &innovation.regression;
         let Some((direction, explained, shift)) = self.direction(regression, prior, pending) else { return };
@@ -577,16 +708,16 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         let variance_m2 = explained + (innovation.variance_m2 + regression.residual_m2);
         let change = SoftUpdate::new(&moments, variance_m2, explained);
         self.step(&direction, change.mean, change.covariance);
-        pending.push(change.covariance, &direction.virtual_anchors);
+        pending.push(change.covariance, &direction.surfaces);
     }
 
     /// w = C h, h' C h, and h'(x - x_prior), for the linear form h of a regression.
     fn direction<const N: usize>(
         &self,
         regression: &Regression,
-        prior: &StateVector<ANCHORS, VAS>,
-        pending: &Pending<VAS, N>,
-    ) -> Option<(StateVector<ANCHORS, VAS>, f32, f32)> {
+        prior: &StateVector<ANCHORS, SURFACES>,
+        pending: &Pending<SURFACES, N>,
+    ) -> Option<(StateVector<ANCHORS, SURFACES>, f32, f32)> {
         let c = &self.covariance;
         let [gx, gy] = regression.slope;
         let anchor = regression.source.anchor();
@@ -598,51 +729,26 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             gx * xx.m41 + gy * xx.m42,
         );
         let mut bias_m = [0.0; ANCHORS];
-        let mut virtual_anchors = [Vector2::new(0.0, 0.0); VAS];
-        for ((w, xa), occupied) in virtual_anchors.iter_mut().zip(&c.xa).zip(&self.occupied) {
-            if *occupied {
-                w.x = gx * xa.m11 + gy * xa.m21;
-                w.y = gx * xa.m12 + gy * xa.m22;
+        let mut surfaces = [Vector2::new(0.0, 0.0); SURFACES];
+        for ((w, xs), surface) in surfaces.iter_mut().zip(&c.xs).zip(&self.surfaces) {
+            if surface.is_some() {
+                w.x = gx * xs.m11 + gy * xs.m21;
+                w.y = gx * xs.m12 + gy * xs.m22;
             }
         }
-        let mut moved = [self.mean.agent.x - prior.agent.x, self.mean.agent.y - prior.agent.y];
-        let target = match regression.source {
-            Source::Direct { .. } => None,
-            Source::Virtual { slot, .. } => Some(slot),
-        };
-        if let Some(slot) = target {
-            let xa = c.xa.get(slot)?;
-            agent.x -= gx * xa.m11 + gy * xa.m12;
-            agent.y -= gx * xa.m21 + gy * xa.m22;
-            agent.z -= gx * xa.m31 + gy * xa.m32;
-            agent.w -= gx * xa.m41 + gy * xa.m42;
-            // C_aa's row of this slot with what waits: blocks up to its own, then those of the later rows.
-            let own = pending.w.get(slot)?;
-            let own_scaled = pending.scaled(own);
-            let earlier = virtual_anchors.iter_mut().zip(c.aa.get(slot)?).zip(&pending.w);
-            for (l, ((w, block), other)) in earlier.take(slot + 1).enumerate() {
-                let mut block = *block;
-                change(&mut block, own_scaled.iter().take(pending.waiting), other);
-                if l == slot {
-                    block.m12 = block.m21;
-                }
-                w.x -= gx * block.m11 + gy * block.m21;
-                w.y -= gx * block.m12 + gy * block.m22;
-            }
-            let later = virtual_anchors.iter_mut().zip(&c.aa).zip(&pending.w);
-            for ((w, row), other) in later.skip(slot + 1) {
-                let mut block = *row.get(slot)?;
-                change(&mut block, pending.scaled(other).iter().take(pending.waiting), own);
-                w.x -= gx * block.m11 + gy * block.m12;
-                w.y -= gx * block.m21 + gy * block.m22;
-            }
-            let now = self.mean.virtual_anchors.get(slot)?;
-            let then = prior.virtual_anchors.get(slot)?;
-            let [mx, my] = moved;
-            moved = [mx - (now.x - then.x), my - (now.y - then.y)];
+        let mut shift = gx * (self.mean.agent.x - prior.agent.x) + gy * (self.mean.agent.y - prior.agent.y);
+        for SurfaceSlope { surface, slope: [hx, hy] } in regression.surfaces {
+            let Some(slot) = surface else { continue };
+            let xs = c.xs.get(slot)?;
+            agent.x += hx * xs.m11 + hy * xs.m12;
+            agent.y += hx * xs.m21 + hy * xs.m22;
+            agent.z += hx * xs.m31 + hy * xs.m32;
+            agent.w += hx * xs.m41 + hy * xs.m42;
+            self.add_row(slot, [hx, hy], pending, &mut surfaces)?;
+            let now = self.mean.surfaces.get(slot)?;
+            let then = prior.surfaces.get(slot)?;
+            shift += hx * (now.x - then.x) + hy * (now.y - then.y);
         }
-        let [mx, my] = moved;
-        let mut shift = gx * mx + gy * my;
         if self.estimate_bias {
             let xb = c.xb.get(anchor)?;
             agent.x += xb.x;
@@ -652,34 +758,68 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
             for ((w, xb), row) in bias_m.iter_mut().zip(&c.xb).zip(&c.bb) {
                 *w = gx * xb.x + gy * xb.y + row.get(anchor)?;
             }
-            if let Some(slot) = target {
-                for (w, ba) in bias_m.iter_mut().zip(c.ba.get(slot)?) {
-                    *w -= gx * ba.x + gy * ba.y;
+            for SurfaceSlope { surface, slope: [hx, hy] } in regression.surfaces {
+                let Some(slot) = surface else { continue };
+                for (w, bs) in bias_m.iter_mut().zip(c.bs.get(slot)?) {
+                    *w += hx * bs.x + hy * bs.y;
                 }
             }
-            for ((w, row), occupied) in virtual_anchors.iter_mut().zip(&c.ba).zip(&self.occupied) {
-                if *occupied {
-                    let ba = row.get(anchor)?;
-                    w.x += ba.x;
-                    w.y += ba.y;
+            for ((w, row), surface) in surfaces.iter_mut().zip(&c.bs).zip(&self.surfaces) {
+                if surface.is_some() {
+                    let bs = row.get(anchor)?;
+                    w.x += bs.x;
+                    w.y += bs.y;
                 }
             }
             shift += self.mean.bias_m.get(anchor)? - prior.bias_m.get(anchor)?;
         }
         let mut explained = gx * agent.x + gy * agent.y;
-        if let Some(slot) = target {
-            let w = virtual_anchors.get(slot)?;
-            explained -= gx * w.x + gy * w.y;
+        for SurfaceSlope { surface, slope: [hx, hy] } in regression.surfaces {
+            let Some(slot) = surface else { continue };
+            let w = surfaces.get(slot)?;
+            explained += hx * w.x + hy * w.y;
         }
         if self.estimate_bias {
             explained += bias_m.get(anchor)?;
         }
-        Some((StateVector { agent, bias_m, virtual_anchors }, larger(explained, 0.0), shift))
+        Some((StateVector { agent, bias_m, surfaces }, larger(explained, 0.0), shift))
     }
 
-    /// x <- x + w gain; C <- C + scale w w' but for C_aa, every entry as (scale w_row) w_column with the row of the
+    /// w <- w + C_ss h for a form h of one surface: its row of C_ss with what waits, blocks up to its own, then those of the
+    /// later rows.
+    fn add_row<const N: usize>(
+        &self,
+        slot: usize,
+        [hx, hy]: [f32; 2],
+        pending: &Pending<SURFACES, N>,
+        w: &mut [Vector2<f32>; SURFACES],
+    ) -> Option<()> {
+        let ss = &self.covariance.ss;
+        let own = pending.w.get(slot)?;
+        let own_scaled = pending.scaled(own);
+        let earlier = w.iter_mut().zip(ss.get(slot)?).zip(&pending.w);
+        for (l, ((w, block), other)) in earlier.take(slot + 1).enumerate() {
+            let mut block = *block;
+            change(&mut block, own_scaled.iter().take(pending.waiting), other);
+            if l == slot {
+                block.m12 = block.m21;
+            }
+            w.x += hx * block.m11 + hy * block.m21;
+            w.y += hx * block.m12 + hy * block.m22;
+        }
+        let later = w.iter_mut().zip(ss).zip(&pending.w);
+        for ((w, row), other) in later.skip(slot + 1) {
+            let mut block = *row.get(slot)?;
+            change(&mut block, pending.scaled(other).iter().take(pending.waiting), own);
+            w.x += hx * block.m11 + hy * block.m12;
+            w.y += hx * block.m21 + hy * block.m22;
+        }
+        Some(())
+    }
+
+    /// x <- x + w gain; C <- C + scale w w' but for C_ss, every entry as (scale w_row) w_column with the row of the
     /// later state.
-    fn step(&mut self, w: &StateVector<ANCHORS, VAS>, gain: f32, scale: f32) {
+    fn step(&mut self, w: &StateVector<ANCHORS, SURFACES>, gain: f32, scale: f32) {
         let mean = &mut self.mean;
         mean.agent.x += w.agent.x * gain;
         mean.agent.y += w.agent.y * gain;
@@ -722,25 +862,25 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
                 }
             }
         }
-        let rows = c.xa.iter_mut().zip(&mut c.ba).zip(&mut mean.virtual_anchors);
-        let slots = rows.zip(&w.virtual_anchors).zip(&self.occupied);
-        for ((((xa, ba), a), wa), occupied) in slots {
-            if !occupied {
+        let rows = c.xs.iter_mut().zip(&mut c.bs).zip(&mut mean.surfaces);
+        let slots = rows.zip(&w.surfaces).zip(&self.surfaces);
+        for ((((xs, bs), s), ws), surface) in slots {
+            if surface.is_none() {
                 continue;
             }
-            a.x += wa.x * gain;
-            a.y += wa.y * gain;
-            let (sx, sy) = (scale * wa.x, scale * wa.y);
-            xa.m11 += sx * x1;
-            xa.m21 += sx * x2;
-            xa.m31 += sx * x3;
-            xa.m41 += sx * x4;
-            xa.m12 += sy * x1;
-            xa.m22 += sy * x2;
-            xa.m32 += sy * x3;
-            xa.m42 += sy * x4;
+            s.x += ws.x * gain;
+            s.y += ws.y * gain;
+            let (sx, sy) = (scale * ws.x, scale * ws.y);
+            xs.m11 += sx * x1;
+            xs.m21 += sx * x2;
+            xs.m31 += sx * x3;
+            xs.m41 += sx * x4;
+            xs.m12 += sy * x1;
+            xs.m22 += sy * x2;
+            xs.m32 += sy * x3;
+            xs.m42 += sy * x4;
             if self.estimate_bias {
-                for (cross, wb) in ba.iter_mut().zip(&w.bias_m) {
+                for (cross, wb) in bs.iter_mut().zip(&w.bias_m) {
                     cross.x += sx * wb;
                     cross.y += sy * wb;
                 }
@@ -748,11 +888,11 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
         }
     }
 
-    /// Makes the changes that C_aa lacks, all `N` in one pass.
-    fn settle<const N: usize>(&mut self, pending: &Pending<VAS, N>) {
-        let rows = self.covariance.aa.iter_mut().zip(&pending.w).zip(&self.occupied);
-        for (k, ((row, own), occupied)) in rows.enumerate() {
-            if !occupied {
+    /// Makes the changes that C_ss lacks, all `N` in one pass.
+    fn settle<const N: usize>(&mut self, pending: &Pending<SURFACES, N>) {
+        let rows = self.covariance.ss.iter_mut().zip(&pending.w).zip(&self.surfaces);
+        for (k, ((row, own), surface)) in rows.enumerate() {
+            if surface.is_none() {
                 continue;
             }
             let scaled = pending.scaled(own);
@@ -770,17 +910,53 @@ impl<const ANCHORS: usize, const VAS: usize> StateFilter<ANCHORS, VAS> {
     pub fn visit(&self, mut f: impl FnMut(f32)) {
         self.mean.agent.iter().for_each(|v| f(*v));
         self.mean.bias_m.iter().for_each(|v| f(*v));
-        self.mean.virtual_anchors.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
+        self.mean.surfaces.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
+        for surface in &self.surfaces {
+            let kind = match surface {
+                None => 0.0,
+                Some(Surface::Private) => 1.0,
+                Some(Surface::Wall(line)) => {
+                    line.centre_m.iter().chain(&line.normal).for_each(|v| f(*v));
+                    2.0
+                }
+            };
+            f(kind);
+        }
         let c = &self.covariance;
         c.xx.iter().for_each(|v| f(*v));
         c.xb.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
         c.bb.iter().for_each(|row| row.iter().for_each(|v| f(*v)));
-        for (k, ((xa, ba), aa)) in c.xa.iter().zip(&c.ba).zip(&c.aa).enumerate() {
-            xa.iter().for_each(|v| f(*v));
-            ba.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
-            aa.iter().take(k + 1).for_each(|block| block.iter().for_each(|v| f(*v)));
+        for (k, ((xs, bs), ss)) in c.xs.iter().zip(&c.bs).zip(&c.ss).enumerate() {
+            xs.iter().for_each(|v| f(*v));
+            bs.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
+            ss.iter().take(k + 1).for_each(|block| block.iter().for_each(|v| f(*v)));
         }
     }
+}
+
+/// A B.
+fn times(a: &Matrix2<f32>, b: &Matrix2<f32>) -> Matrix2<f32> {
+    Matrix2::new(
+        a.m11 * b.m11 + a.m12 * b.m21,
+        a.m11 * b.m12 + a.m12 * b.m22,
+        a.m21 * b.m11 + a.m22 * b.m21,
+        a.m21 * b.m12 + a.m22 * b.m22,
+    )
+}
+
+/// A B'.
+fn times_transposed(a: &Matrix2<f32>, b: &Matrix2<f32>) -> Matrix2<f32> {
+    Matrix2::new(
+        a.m11 * b.m11 + a.m12 * b.m12,
+        a.m11 * b.m21 + a.m12 * b.m22,
+        a.m21 * b.m11 + a.m22 * b.m12,
+        a.m21 * b.m21 + a.m22 * b.m22,
+    )
+}
+
+/// D C D'.
+fn sandwiched(d: &Matrix2<f32>, c: &Matrix2<f32>) -> Matrix2<f32> {
+    times_transposed(&times(d, c), d)
 }
 
 /// Multiplies a column's entries by their rows' factors and the column's own, as (row x column) x entry.

@@ -1,5 +1,6 @@
 //! The ways in: construction, a whole cycle at once, and a cycle by its observations.
 
+use super::start::{enter_plan, enter_virtual_anchors};
 use super::{Begun, Tracker};
 use crate::config::Config;
 use crate::controller::{Controller, Controllers};
@@ -7,9 +8,11 @@ use crate::error::{Error, Setting};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
-use crate::memory::environment::{EnvironmentMemory, TOLD};
-use crate::model::anchor::{Anchor, MappedVirtualAnchor};
+use crate::memory::environment::EnvironmentMemory;
+use crate::memory::transmission::TransmissionMemory;
+use crate::model::anchor::Anchor;
 use crate::model::observation::{Observation, TagHeight};
+use crate::model::plan::{FloorPlan, Map};
 use crate::observer::{Observer, Stage};
 use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
@@ -18,11 +21,20 @@ use crate::radio::library::{Action, Library};
 use crate::report::CycleReport;
 use heapless::Vec;
 
-impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
-    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+impl<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>
 {
-    /// A tracker at the start configured. `anchors`: 1 to `ANCHORS`; `map`: virtual anchors known a priori, at most
-    /// `VAS`; `actions`: 1 to `ACTIONS`; `seed`: of all randomness.
+    /// A tracker at the start configured. `anchors`: 1 to `ANCHORS`; `map`: what is known of the surroundings; `actions`: 1
+    /// to `ACTIONS`; `seed`: of all randomness.
+    ///
+    /// Virtual anchors of the map take the first slots, each with a private surface; then come the sources that the plan
+    /// shows ([`crate::model::listing`]), the most useful first, as many as fit.
     ///
     /// # Errors
     /// The first value out of range.
@@ -30,7 +42,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     pub fn new(
         config: Config,
         anchors: &[Anchor],
-        map: &[MappedVirtualAnchor],
+        map: &Map<'_>,
         actions: &[Action],
         seed: u64,
     ) -> Result<Self, Error> {
@@ -50,14 +62,16 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             anchor.check(index)?;
             checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
         }
-        if map.len() > VAS {
-            return Err(Error::VirtualAnchorCount { given: map.len(), limit: VAS });
+        let given = map.virtual_anchors.len();
+        let limit = SURFACES.min(SOURCES);
+        if given > limit {
+            return Err(Error::VirtualAnchorCount { given, limit });
         }
-        let Config { start, ranging, .. } = config;
-        for (slot, mapped) in map.iter().enumerate() {
+        for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
             mapped.check(slot, anchors.len())?;
         }
-        Ok(Self {
+        let Config { start, ranging, .. } = config;
+        let mut tracker = Self {
             receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
             belief: TagBelief::new(
                 config.motion,
@@ -66,14 +80,16 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
                 config.acquisition,
                 config.belief,
             ),
-            filter: Self::filter_at_start(&config, map),
-            environment: {
-                let mut environment = EnvironmentMemory::default();
-                for (slot, mapped) in map.iter().enumerate() {
-                    environment.insert(slot, mapped.anchor, TOLD, 0);
-                }
-                environment
-            },
+            filter: StateFilter::new(
+                config.motion,
+                start.position_m,
+                start.position_std_m,
+                start.velocity_std_m_s,
+                ranging.bias_mean_m,
+                ranging.bias_std_m,
+            ),
+            environment: EnvironmentMemory::default(),
+            transmission: TransmissionMemory::default(),
             discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
             channel: ChannelMemory::new(
@@ -85,30 +101,23 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             controllers: Controllers::new(config.controller, checked.len(), &library, seed),
             config,
             anchors: checked,
+            plan: match &map.plan {
+                Some(plan) => FloorPlan::new(plan)?,
+                None => FloorPlan::default(),
+            },
             library,
             cycle: 0,
             last_heard: start.agent(),
             begun: None,
             scans: Vec::new(),
-        })
-    }
-
-    #[inline(always)] // built where it stays
-    fn filter_at_start(config: &Config, map: &[MappedVirtualAnchor]) -> StateFilter<ANCHORS, VAS> {
-        let Config { start, ranging, motion, exact_map, .. } = config;
-        let mut filter = StateFilter::new(
-            *motion,
-            start.position_m,
-            start.position_std_m,
-            start.velocity_std_m_s,
-            ranging.bias_mean_m,
-            ranging.bias_std_m,
-        );
-        for (slot, mapped) in map.iter().enumerate() {
-            let std_m = if *exact_map { 0.0 } else { mapped.std_m };
-            filter.insert_independent(slot, mapped.position_m, std_m);
+        };
+        let is_exact = config.exact_map;
+        enter_virtual_anchors(&mut tracker.filter, &mut tracker.environment, map.virtual_anchors, is_exact);
+        if let Some(plan) = &map.plan {
+            let Self { filter, environment, plan: kept, anchors, .. } = &mut tracker;
+            enter_plan(filter, environment, kept, plan, anchors, &config);
         }
-        filter
+        Ok(tracker)
     }
 
     /// One cycle at once: what was received in the last `elapsed_s` seconds (one frame or scan per anchor at most, none for
@@ -134,7 +143,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         observations: &[Observation<'_>],
         elapsed_s: f32,
         tag_height: Option<TagHeight>,
-        observer: &mut impl Observer<VAS, PATHS>,
+        observer: &mut impl Observer<SOURCES, PATHS>,
     ) -> Result<CycleReport, Error> {
         observer.stage(Stage::Receive);
         let mut begun = self.check_begin(elapsed_s, tag_height)?;
@@ -183,7 +192,7 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     pub fn receive_observed(
         &mut self,
         observation: &Observation<'_>,
-        observer: &mut impl Observer<VAS, PATHS>,
+        observer: &mut impl Observer<SOURCES, PATHS>,
     ) -> Result<(), Error> {
         let begun = self.begun.as_mut().ok_or(Error::NotBegun)?;
         self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;

@@ -1,12 +1,15 @@
 //! The stages of a cycle that join the states of several blocks.
 
-use super::values::{Known, Told};
+use super::values::{Known, Place, Told, detections_anywhere, discovery_view};
 use crate::controller::{Controller, Controllers};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Claims, Discovery};
-use crate::memory::environment::{Admission, EnvironmentMemory};
+use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
+use crate::memory::transmission::TransmissionMemory;
+use crate::model::availability::Walls;
 use crate::model::motion::{Agent, ProcessNoise};
+use crate::model::plan::FloorPlan;
 use crate::observer::Observer;
 use crate::perceptor::association::evidence::evidence_nat;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
@@ -22,12 +25,12 @@ use crate::report::MapChanges;
 use heapless::Vec;
 
 /// Every scan with its outcome, and what the candidates for new virtual anchors claim of it.
-pub(super) type Outcomes<'a, const ANCHORS: usize, const VAS: usize, const PATHS: usize> =
-    Vec<(AssociatedScan<'a, VAS, PATHS>, Claims<PATHS>), ANCHORS>;
+pub(super) type Outcomes<'a, const ANCHORS: usize, const SOURCES: usize, const PATHS: usize> =
+    Vec<(AssociatedScan<'a, SOURCES, PATHS>, Claims<PATHS>), ANCHORS>;
 
 /// Every scan with what it is expected to show.
-pub(super) type Expected<'a, const ANCHORS: usize, const VAS: usize, const PATHS: usize> =
-    Vec<(&'a Scan<PATHS>, Expectations<VAS>), ANCHORS>;
+pub(super) type Expected<'a, const ANCHORS: usize, const SOURCES: usize, const PATHS: usize> =
+    Vec<(&'a Scan<PATHS>, Expectations<SOURCES>), ANCHORS>;
 
 /// What was heard in a cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -41,8 +44,8 @@ pub(super) struct Heard {
 }
 
 impl Heard {
-    pub(super) fn of<const ANCHORS: usize, const VAS: usize, const PATHS: usize>(
-        outcomes: &Outcomes<'_, ANCHORS, VAS, PATHS>,
+    pub(super) fn of<const ANCHORS: usize, const SOURCES: usize, const PATHS: usize>(
+        outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
     ) -> Self {
         let mut heard = Self {
             nis: normalised_innovation(outcomes.iter().map(|(outcome, _)| outcome)),
@@ -60,16 +63,23 @@ impl Heard {
 
 /// While it is not known where the tag is: weighs the places it may be at. Returns where it is taken to be now.
 #[inline(never)]
-pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
+pub(super) fn locate<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
     belief: &mut TagBelief<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    known: &Known<'_, ANCHORS, VAS, ACTIONS>,
+    known: &Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>,
     scans: &Scans<ANCHORS, PATHS>,
 ) -> Option<Agent> {
     let acquisition = belief.acquisition()?;
     let settings = &told.config.association;
     let per_m = 1.0 / told.config.ranging.max_range_m;
-    let mut detections: Vec<(f32, [f32; VAS]), ANCHORS> = Vec::new();
+    let mut detections: Vec<(f32, [f32; SOURCES]), ANCHORS> = Vec::new();
     let mut backgrounds: Vec<[f32; PATHS], ANCHORS> = Vec::new();
     for scan in scans {
         let clutter = known.clutter.clutter(scan.anchor);
@@ -107,13 +117,13 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
         });
         let reflected = known.environment.iter().filter(move |(_, record)| record.anchor == anchor);
         direct.into_iter().chain(reflected.filter_map(move |(slot, record)| {
-            let (a, c) = known.filter.virtual_anchor(slot)?;
+            let (a, c) = known.filter.placed(sight?.anchor_m, &record.sequence)?;
             Some(Landmark {
                 position_m: [a.x, a.y],
                 covariance_m2: [c.m11, c.m21, c.m22],
                 height_m,
                 height_std_m,
-                detection: record.existence * detection?.1.get(slot)?,
+                detection: known.environment.existence(slot) * detection?.1.get(slot)?,
             })
         }))
     };
@@ -123,23 +133,33 @@ pub(super) fn locate<const ANCHORS: usize, const VAS: usize, const PATHS: usize,
 /// What every scan is expected to show at the predicted state, which is widened where a manoeuvre explains the scans far
 /// better than the motion as configured does.
 #[inline(never)]
-pub(super) fn expect<'a, const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
-    filter: &mut StateFilter<ANCHORS, VAS>,
+#[allow(clippy::too_many_arguments)] // each is a state, or what it is told
+pub(super) fn expect<
+    'a,
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    environment: &EnvironmentMemory<VAS>,
-    channel: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    channel: &ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     clutter: &ClutterMemory<ANCHORS>,
+    (plan, walls): (&FloorPlan<SEGMENTS>, &Walls<'_, SEGMENTS>),
     scans: &'a Scans<ANCHORS, PATHS>,
     manoeuvre_over_s: Option<f32>,
-) -> Expected<'a, ANCHORS, VAS, PATHS> {
-    let known = Known { filter, environment, channel, clutter };
+) -> Expected<'a, ANCHORS, SOURCES, PATHS> {
+    let known = Known { filter, environment, channel, clutter, plan, walls };
     let expected = known.expect_all(told, scans);
     let Some(elapsed_s) = manoeuvre_over_s.filter(|_| is_suspicious(&expected)) else { return expected };
     let motion_nat = total_evidence_nat(&expected, clutter);
     let predicted = filter.agent_covariance();
     let speed_m_s = told.config.start.velocity_std_m_s;
     filter.disturb(&ProcessNoise::of_turn(speed_m_s * speed_m_s, elapsed_s));
-    let known = Known { filter, environment, channel, clutter };
+    let known = Known { filter, environment, channel, clutter, plan, walls };
     let widened = known.expect_all(told, scans);
     if is_manoeuvre(
         motion_nat,
@@ -154,8 +174,8 @@ pub(super) fn expect<'a, const ANCHORS: usize, const VAS: usize, const PATHS: us
 }
 
 /// Whether the direct paths are not near where they are expected.
-fn is_suspicious<const ANCHORS: usize, const VAS: usize, const PATHS: usize>(
-    expected: &Expected<'_, ANCHORS, VAS, PATHS>,
+fn is_suspicious<const ANCHORS: usize, const SOURCES: usize, const PATHS: usize>(
+    expected: &Expected<'_, ANCHORS, SOURCES, PATHS>,
 ) -> bool {
     let mut suspicion = Suspicion::default();
     for (scan, expected) in expected {
@@ -172,8 +192,8 @@ fn is_suspicious<const ANCHORS: usize, const VAS: usize, const PATHS: usize>(
 }
 
 /// Evidence of all scans that the tag is where it is predicted to be, nats.
-fn total_evidence_nat<const ANCHORS: usize, const VAS: usize, const PATHS: usize>(
-    expected: &Expected<'_, ANCHORS, VAS, PATHS>,
+fn total_evidence_nat<const ANCHORS: usize, const SOURCES: usize, const PATHS: usize>(
+    expected: &Expected<'_, ANCHORS, SOURCES, PATHS>,
     clutter: &ClutterMemory<ANCHORS>,
 ) -> f32 {
     let mut evidence = 0.0;
@@ -189,19 +209,21 @@ fn total_evidence_nat<const ANCHORS: usize, const VAS: usize, const PATHS: usize
 pub(super) fn associate<
     'a,
     const ANCHORS: usize,
-    const VAS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
     const PATHS: usize,
     const ACTIONS: usize,
 >(
     told: &Told<'_, ANCHORS, ACTIONS>,
-    known: &Known<'_, ANCHORS, VAS, ACTIONS>,
+    known: &Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>,
     discovery: &Discovery<ANCHORS>,
-    expected: &'a Expected<'a, ANCHORS, VAS, PATHS>,
-    observer: &mut impl Observer<VAS, PATHS>,
-) -> Outcomes<'a, ANCHORS, VAS, PATHS> {
+    expected: &'a Expected<'a, ANCHORS, SOURCES, PATHS>,
+    observer: &mut impl Observer<SOURCES, PATHS>,
+) -> Outcomes<'a, ANCHORS, SOURCES, PATHS> {
     let mut outcomes = Vec::new();
     for (scan, expected) in expected {
-        let view = known.discovery_view(told, scan.anchor, &expected.direct);
+        let view = discovery_view(told, known.filter, known.clutter, scan.anchor, &expected.direct);
         let Some((viewpoint, background)) = view else { continue };
         let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
         let clutter = known.clutter.clutter(scan.anchor);
@@ -220,15 +242,21 @@ pub(super) fn associate<
 /// scan nothing explained.
 #[inline(never)]
 #[allow(clippy::too_many_arguments)] // each is a state, or what it is told
-pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
-    environment: &mut EnvironmentMemory<VAS>,
-    channel: &mut ChannelMemory<ANCHORS, VAS, ACTIONS>,
+pub(super) fn remember<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
+    environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
+    channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     clutter: &mut ClutterMemory<ANCHORS>,
     receiver: &mut Receiver<ANCHORS, PATHS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     belief: &TagBelief<ANCHORS>,
     controllers: &Controllers<ANCHORS, ACTIONS>,
-    outcomes: &Outcomes<'_, ANCHORS, VAS, PATHS>,
+    outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
     let library = told.library;
     let framed = outcomes.iter().map(|(outcome, _)| outcome.scan).filter(|scan| scan.is_framed());
@@ -258,22 +286,52 @@ pub(super) fn remember<const ANCHORS: usize, const VAS: usize, const PATHS: usiz
     }
 }
 
-/// The life of virtual anchors: forgets improbable ones, gives what nothing explained to the candidates, and takes resolved
+/// What direct paths tell of the walls that they cross.
+#[inline(never)]
+pub(super) fn look_through<
+    const ANCHORS: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
+    transmission: &mut TransmissionMemory<SEGMENTS>,
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    walls: &Walls<'_, SEGMENTS>,
+    place: &Place,
+    outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
+) {
+    for (outcome, _) in outcomes {
+        let scan = outcome.scan;
+        let Some(sight) = told.sight(scan.anchor) else { continue };
+        let Some((_, direct)) = outcome.features().next() else { continue };
+        let crossing = walls.crossing(sight.anchor_m, place.position_m, place.std_m);
+        transmission.observe(crossing, 1.0 - direct.missed, scan.elapsed_s);
+    }
+}
+
+/// The life of surfaces and images: forgets improbable ones, gives what nothing explained to the candidates, and takes resolved
 /// candidates into the map.
 #[inline(never)]
-pub(super) fn revise_map<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
-    filter: &mut StateFilter<ANCHORS, VAS>,
-    environment: &mut EnvironmentMemory<VAS>,
-    channel: &mut ChannelMemory<ANCHORS, VAS, ACTIONS>,
+pub(super) fn revise_map<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
+    channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     discovery: &mut Discovery<ANCHORS>,
     clutter: &ClutterMemory<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    outcomes: &Outcomes<'_, ANCHORS, VAS, PATHS>,
+    outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) -> MapChanges {
     let mut changes = MapChanges::default();
-    for slot in environment.revise(|slot| filter.virtual_anchor(slot)) {
-        filter.remove(slot);
-        channel.forget(slot);
+    let removed = environment.revise(|environment, slot| placed(told, environment, filter, slot));
+    for removed in removed {
+        take_out(filter, channel, &removed);
         changes.forgotten += 1;
     }
     if !told.config.discovery {
@@ -282,8 +340,8 @@ pub(super) fn revise_map<const ANCHORS: usize, const VAS: usize, const PATHS: us
     for (outcome, claims) in outcomes {
         let scan = outcome.scan;
         let Some(sight) = told.sight(scan.anchor) else { continue };
-        let known = Known { filter, environment, channel, clutter };
-        let Some((viewpoint, background)) = known.discovery_view(told, scan.anchor, &outcome.expected.direct)
+        let Some((viewpoint, background)) =
+            discovery_view(told, filter, clutter, scan.anchor, &outcome.expected.direct)
         else {
             continue;
         };
@@ -302,25 +360,45 @@ pub(super) fn revise_map<const ANCHORS: usize, const VAS: usize, const PATHS: us
                 scan.anchor,
                 sight.anchor_m,
                 found.position,
-                |slot| filter.virtual_anchor(slot),
-                |environment| {
-                    Known { filter, environment, channel, clutter }.detections_anywhere(told, scan).1
-                },
+                |environment, slot| placed(told, environment, filter, slot),
+                |environment| detections_anywhere(told, scan, environment, channel).1,
             );
             match admission {
                 Admission::Known => {}
                 Admission::Full => changes.map_full += 1,
-                Admission::Entered { slot, replaced } => {
-                    if replaced {
-                        filter.remove(slot);
-                        channel.forget(slot);
+                Admission::Entered { surface, replaced, .. } => {
+                    if let Some(replaced) = replaced {
+                        take_out(filter, channel, &replaced);
                         changes.forgotten += 1;
                     }
-                    filter.insert_relative(slot, found.position, &found.gain, &found.covariance);
+                    filter.insert_relative(surface, found.position, &found.gain, &found.covariance);
                     changes.discovered += 1;
                 }
             }
         }
     }
     changes
+}
+
+/// Where the image of a source is.
+fn placed<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, const ACTIONS: usize>(
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    filter: &StateFilter<ANCHORS, SURFACES>,
+    slot: usize,
+) -> Option<Placed> {
+    let record = environment.get(slot)?;
+    filter.placed(told.anchors.get(record.anchor)?.position_m, &record.sequence)
+}
+
+/// Takes a source out of the state and out of the channel memory.
+fn take_out<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, const ACTIONS: usize>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
+    removed: &Removed,
+) {
+    if let Some(surface) = removed.surface {
+        filter.remove(surface);
+    }
+    channel.forget(removed.slot);
 }

@@ -1,6 +1,6 @@
 //! What a tracker is told between cycles, and what can be read of its state.
 
-use super::values::{Told, planning_state, visible};
+use super::values::{Known, Place, Told, planning_state, walls_now};
 use super::{Begun, Tracker};
 use crate::application::waypoint::{WaypointChoice, WaypointError, WaypointSettings, choose_waypoint};
 use crate::config::Config;
@@ -9,9 +9,11 @@ use crate::error::Error;
 use crate::memory::channel::ChannelMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
+use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::measurement::Measurement;
 use crate::model::observation::TagHeight;
+use crate::model::plan::FloorPlan;
 use crate::model::source::Source;
 use crate::perceptor::belief::acquisition::Acquisition;
 use crate::perceptor::expectation::Sighting;
@@ -20,8 +22,14 @@ use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
 use crate::trace::TraceHash;
 
-impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>
-    Tracker<ANCHORS, VAS, PATHS, ACTIONS>
+impl<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>
 {
     /// Narrows what may be chosen for `anchor` to these actions of the library: what its radio can do, or may. Where all
     /// anchors share one choice, it is narrowed for all. To be called before the first cycle: an action that is no longer
@@ -58,13 +66,18 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
             return Err(WaypointError::TagHeight);
         }
         let state = planning_state(&self.config, &self.filter.agent(), self.threshold(), settings.period_s);
-        let Self { config, anchors, library, .. } = self;
+        let Self { config, anchors, plan, library, filter, environment, channel, clutter, .. } = self;
         let told = Told { config, anchors, library, tag_height };
-        let sources = visible(told, &self.environment, &self.filter).filter_map(|sight| {
-            let controller = self.controller_of(sight.source.anchor())?;
-            Some((sight, controller.action_index()))
-        });
-        choose_waypoint(candidates, goal, settings, &state, sources, self.channel(), self.library())
+        let walls = &walls_now(plan, filter, environment, &self.transmission);
+        let known = Known { filter, environment, channel, clutter, plan, walls };
+        let std_m = Place::of(&filter.agent()).std_m;
+        let sources = |position_m: [f32; 2]| {
+            known.visible(&told, Place { position_m, std_m }).filter_map(|sight| {
+                let controller = self.controller_of(sight.source.anchor())?;
+                Some((sight, controller.action_index()))
+            })
+        };
+        choose_waypoint(candidates, goal, settings, &state, sources, channel, library)
     }
 
     /// What is known of every anchor's frames where the receiver controls its gain.
@@ -73,17 +86,27 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
     }
 
     /// The state filter.
-    pub fn filter(&self) -> &StateFilter<ANCHORS, VAS> {
+    pub fn filter(&self) -> &StateFilter<ANCHORS, SURFACES> {
         &self.filter
     }
 
     /// The environment memory.
-    pub fn environment(&self) -> &EnvironmentMemory<VAS> {
+    pub fn environment(&self) -> &EnvironmentMemory<SURFACES, SOURCES> {
         &self.environment
     }
 
+    /// The floor plan told.
+    pub fn plan(&self) -> &FloorPlan<SEGMENTS> {
+        &self.plan
+    }
+
+    /// What the walls of the plan let through.
+    pub fn transmission(&self) -> &TransmissionMemory<SEGMENTS> {
+        &self.transmission
+    }
+
     /// The channel memory.
-    pub fn channel(&self) -> &ChannelMemory<ANCHORS, VAS, ACTIONS> {
+    pub fn channel(&self) -> &ChannelMemory<ANCHORS, SOURCES, ACTIONS> {
         &self.channel
     }
 
@@ -156,10 +179,15 @@ impl<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: 
         for (slot, record) in self.environment.iter() {
             hash.word(slot as u32);
             hash.word(record.anchor as u32);
-            hash.float(record.existence);
+            hash.word(u32::from(record.sequence.first));
+            hash.word(record.sequence.second.map_or(u32::MAX, u32::from));
             hash.word(u32::from(record.sighting == Sighting::Hidden));
             hash.word(record.hits);
         }
+        for slot in 0..SURFACES {
+            hash.float(self.environment.surface(slot).map_or(-1.0, |record| record.existence));
+        }
+        self.transmission.visit(|v| hash.float(v));
         self.channel.visit(|v| hash.float(v));
         self.discovery.visit(|v| hash.float(v));
         hash.word(u32::from(self.belief.is_acquiring()));

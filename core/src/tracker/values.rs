@@ -7,10 +7,14 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Background, Viewpoint};
 use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
+use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
+use crate::model::availability::{WallNow, Walls};
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
+use crate::model::image::Sequence;
 use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
+use crate::model::plan::FloorPlan;
 use crate::model::range::Regression;
 use crate::model::source::{Sight, Source};
 use crate::perceptor::expectation::{Expectations, Prospect, detection};
@@ -18,6 +22,7 @@ use crate::perceptor::receiver::Scans;
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
+use crate::real::{larger, sqrt};
 use heapless::Vec;
 use nalgebra::Matrix2;
 
@@ -47,23 +52,80 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Told<'_, ANCHORS, ACTIONS> {
     }
 }
 
-/// What is known of tag, map and channels.
+/// Where the tag may be.
 #[derive(Clone, Copy)]
-pub(super) struct Known<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> {
-    pub(super) filter: &'a StateFilter<ANCHORS, VAS>,
-    pub(super) environment: &'a EnvironmentMemory<VAS>,
-    pub(super) channel: &'a ChannelMemory<ANCHORS, VAS, ACTIONS>,
-    pub(super) clutter: &'a ClutterMemory<ANCHORS>,
+pub(super) struct Place {
+    pub(super) position_m: [f32; 2],
+    /// Standard deviation per axis, metres.
+    pub(super) std_m: f32,
 }
 
-impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANCHORS, VAS, ACTIONS> {
+impl Place {
+    /// As an agent is known.
+    pub(super) fn of(agent: &Agent) -> Self {
+        let c = &agent.covariance;
+        Self { position_m: [agent.mean.x, agent.mean.y], std_m: sqrt(larger(0.5 * (c.m11 + c.m22), 0.0)) }
+    }
+}
+
+/// The plan with its walls as they stand now, as far as they are believed to be there, with what they let through.
+pub(super) fn walls_now<
+    'a,
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+>(
+    plan: &'a FloorPlan<SEGMENTS>,
+    filter: &StateFilter<ANCHORS, SURFACES>,
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    transmission: &TransmissionMemory<SEGMENTS>,
+) -> Walls<'a, SEGMENTS> {
+    Walls::new(plan, |index, wall| {
+        let slot = wall.surface.map(usize::from);
+        let (line, std_m) = match slot.and_then(|slot| filter.surface(slot)) {
+            Some((_, state, c)) => (wall.line.moved(state.x, state.y), sqrt(larger(c.m11, 0.0))),
+            None => (wall.line, wall.told.offset_std_m),
+        };
+        let existence =
+            slot.and_then(|slot| environment.surface(slot)).map_or(1.0, |record| record.existence);
+        WallNow { line, std_m, through: 1.0 - existence * (1.0 - transmission.through(index)) }
+    })
+}
+
+/// What is known of tag, map and channels.
+#[derive(Clone, Copy)]
+pub(super) struct Known<
+    'a,
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const ACTIONS: usize,
+> {
+    pub(super) filter: &'a StateFilter<ANCHORS, SURFACES>,
+    pub(super) environment: &'a EnvironmentMemory<SURFACES, SOURCES>,
+    pub(super) channel: &'a ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
+    pub(super) clutter: &'a ClutterMemory<ANCHORS>,
+    pub(super) plan: &'a FloorPlan<SEGMENTS>,
+    pub(super) walls: &'a Walls<'a, SEGMENTS>,
+}
+
+impl<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const ACTIONS: usize,
+> Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>
+{
     /// What every scan is expected to show.
     #[inline(never)]
     pub(super) fn expect_all<'a, const PATHS: usize>(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         scans: &'a Scans<ANCHORS, PATHS>,
-    ) -> Expected<'a, ANCHORS, VAS, PATHS> {
+    ) -> Expected<'a, ANCHORS, SOURCES, PATHS> {
         let mut all = Vec::new();
         for scan in scans {
             if let Some(expected) = self.expect(told, scan) {
@@ -80,20 +142,23 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         scan: &Scan<PATHS>,
-    ) -> Option<Expectations<VAS>> {
+    ) -> Option<Expectations<SOURCES>> {
         let anchor = scan.anchor;
         let sight = told.sight(anchor)?;
+        let place = Place::of(&self.filter.agent());
         let association = &told.config.association;
-        let prospect = |source: Source| {
-            Some(prospect(scan, self.filter.regress(source, &sight)?, self.environment, self.channel))
-        };
-        let direct = prospect(Source::Direct { anchor })?;
         let detection = |prospect: &Prospect| prospect.detection(scan, association.detection_probability);
+        let source = Source::Direct { anchor };
+        let availability = self.walls.direct(sight.anchor_m, place.position_m, place.std_m);
+        let direct = self.prospect(scan, self.filter.regress(source, &sight, None)?, availability);
         let mut expected = Expectations::new(&direct, &detection(&direct));
         for slot in self.environment.images_of(anchor) {
-            let image = prospect(Source::Virtual { anchor, slot })?;
-            let existence = self.environment.get(slot)?.existence;
-            expected.add(&image, existence, &detection(&image));
+            let source = Source::Virtual { anchor, slot };
+            let record = self.environment.get(slot)?;
+            let (availability, sequence) = self.available(sight.anchor_m, &record.sequence, &place);
+            let regression = self.filter.regress(source, &sight, Some(&sequence))?;
+            let image = self.prospect(scan, regression, availability);
+            expected.add(&image, self.environment.existence(slot), &detection(&image));
         }
         if let Some(action) = told.library.get(scan.action)
             && scan.is_framed()
@@ -103,65 +168,99 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> Known<'_, ANC
         Some(expected)
     }
 
+    /// What is known of a source before a scan.
+    fn prospect<const PATHS: usize>(
+        &self,
+        scan: &Scan<PATHS>,
+        regression: Regression,
+        availability: f32,
+    ) -> Prospect {
+        let Regression { source, range_m, .. } = regression;
+        let prior = channel_prior(scan, source, self.channel);
+        let level = if prior.seen { scan.level(range_m) } else { None };
+        Prospect {
+            regression,
+            channel: prior,
+            sinr_here: level.and_then(|level| self.channel.sinr_over(source, scan.action, range_m, level)),
+            is_unseen_image: self.environment.is_unseen(source),
+            availability,
+        }
+    }
+
+    /// Probability that the plan lets the path by way of these surfaces through to a place, and in which order it meets them
+    /// there. Surfaces of which no plan tells end nowhere.
+    pub(super) fn available(
+        &self,
+        anchor_m: [f32; 2],
+        sequence: &Sequence,
+        place: &Place,
+    ) -> (f32, Sequence) {
+        let Place { position_m, std_m } = *place;
+        let wall_of = |surface: u8| self.plan.wall_of(usize::from(surface));
+        let Some(first) = wall_of(sequence.first) else { return (1.0, *sequence) };
+        let second = match sequence.second {
+            None => None,
+            Some(second) => match wall_of(second) {
+                None => return (1.0, *sequence),
+                second => second,
+            },
+        };
+        let (Some(second), true) = (second, sequence.is_either_order) else {
+            return (self.walls.reflected(anchor_m, first, second, position_m, std_m), *sequence);
+        };
+        let (availability, is_reversed) =
+            self.walls.either_order(anchor_m, [first, second], position_m, std_m);
+        (availability, if is_reversed { sequence.reversed() } else { *sequence })
+    }
+
     /// Detection probability, wherever the tag is: of the direct path, and of every slot of the map (0 for free ones).
     pub(super) fn detections_anywhere<const PATHS: usize>(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         scan: &Scan<PATHS>,
-    ) -> (f32, [f32; VAS]) {
-        let of = |source: Source| detection_anywhere(told, scan, source, self.environment, self.channel);
-        let mut detections = [0.0; VAS];
-        for (slot, record) in self.environment.iter() {
-            if let Some(detection) = detections.get_mut(slot) {
-                *detection = of(Source::Virtual { anchor: record.anchor, slot });
-            }
-        }
-        (of(Source::Direct { anchor: scan.anchor }), detections)
+    ) -> (f32, [f32; SOURCES]) {
+        detections_anywhere(told, scan, self.environment, self.channel)
     }
 
-    /// From where an anchor's candidates are seen, and what they compete with; `direct` is the anchor's direct path as it was
-    /// expected.
-    pub(super) fn discovery_view(
+    /// An image as it is seen from a place: that of a source which is confirmed.
+    pub(super) fn seen_image(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
-        anchor: usize,
-        direct: &Regression,
-    ) -> Option<(Viewpoint, Background)> {
-        let sight = told.sight(anchor)?;
-        let (bias_m, _) = self.filter.bias_m(anchor)?;
-        let viewpoint = Viewpoint {
-            agent: self.filter.agent(),
-            height_m: sight.height_m,
-            height_std_m: sight.height_std_m,
-            bias_m,
-            direct_m: direct.range_m,
-            direct_variance_m2: direct.variance_m2(),
-        };
-        let clutter = self.clutter.clutter(anchor);
-        let background = Background {
-            all_per_m: clutter.all_per_m,
-            false_alarms_per_m: clutter.false_alarms_per_m,
-            detection_probability: told.config.association.detection_probability,
-        };
-        Some((viewpoint, background))
+        slot: usize,
+        place: &Place,
+    ) -> Option<Visible> {
+        let record = self.environment.get(slot)?;
+        if self.environment.existence(slot) <= CONFIRMED {
+            return None;
+        }
+        let anchor = told.anchors.get(record.anchor)?;
+        let (availability, sequence) = self.available(anchor.position_m, &record.sequence, place);
+        let (position, covariance_m2) = self.filter.placed(anchor.position_m, &sequence)?;
+        Some(Visible {
+            source: Source::Virtual { anchor: record.anchor, slot },
+            position_m: [position.x, position.y],
+            height_m: told.height_m(anchor),
+            covariance_m2,
+            availability,
+        })
     }
-}
 
-/// What is known of a source before a scan.
-fn prospect<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
-    scan: &Scan<PATHS>,
-    regression: Regression,
-    environment: &EnvironmentMemory<VAS>,
-    channel: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
-) -> Prospect {
-    let Regression { source, range_m, .. } = regression;
-    let prior = channel_prior(scan, source, channel);
-    let level = if prior.seen { scan.level(range_m) } else { None };
-    Prospect {
-        regression,
-        channel: prior,
-        sinr_here: level.and_then(|level| channel.sinr_over(source, scan.action, range_m, level)),
-        is_unseen_image: environment.is_unseen(source),
+    /// The sources planning counts on, as they are seen from a place: all direct paths, and the images that are confirmed.
+    pub(super) fn visible<'s>(
+        &'s self,
+        told: &'s Told<'_, ANCHORS, ACTIONS>,
+        place: Place,
+    ) -> impl Iterator<Item = Visible> + Clone + 's {
+        let direct = told.anchors.iter().enumerate().map(move |(index, anchor)| Visible {
+            source: Source::Direct { anchor: index },
+            position_m: anchor.position_m,
+            height_m: told.height_m(anchor),
+            covariance_m2: Matrix2::new(0.0, 0.0, 0.0, 0.0),
+            availability: self.walls.direct(anchor.position_m, place.position_m, place.std_m),
+        });
+        let reflected =
+            self.environment.iter().filter_map(move |(slot, _)| self.seen_image(told, slot, &place));
+        direct.chain(reflected)
     }
 }
 
@@ -174,43 +273,86 @@ fn channel_prior<const PATHS: usize>(
     if scan.is_framed() { channel.prior(source, scan.action) } else { ChannelPrior::UNKNOWN }
 }
 
-fn detection_anywhere<const ANCHORS: usize, const VAS: usize, const PATHS: usize, const ACTIONS: usize>(
+/// See [`Known::detections_anywhere`].
+pub(super) fn detections_anywhere<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
     told: &Told<'_, ANCHORS, ACTIONS>,
     scan: &Scan<PATHS>,
-    source: Source,
-    environment: &EnvironmentMemory<VAS>,
-    channel: &ChannelMemory<ANCHORS, VAS, ACTIONS>,
-) -> f32 {
-    let prior = channel_prior(scan, source, channel);
-    let told = told.config.association.detection_probability;
-    detection(scan, told, &prior, None, environment.is_unseen(source)).probability
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    channel: &ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
+) -> (f32, [f32; SOURCES]) {
+    let of = |source: Source| {
+        let prior = channel_prior(scan, source, channel);
+        let told = told.config.association.detection_probability;
+        detection(scan, told, &prior, None, environment.is_unseen(source), 1.0).probability
+    };
+    let mut detections = [0.0; SOURCES];
+    for (slot, record) in environment.iter() {
+        if let Some(detection) = detections.get_mut(slot) {
+            *detection = of(Source::Virtual { anchor: record.anchor, slot });
+        }
+    }
+    (of(Source::Direct { anchor: scan.anchor }), detections)
 }
 
-/// The sources planning counts on: all direct paths, and the virtual anchors that are confirmed.
-pub(super) fn visible<'a, const ANCHORS: usize, const VAS: usize, const ACTIONS: usize>(
-    told: Told<'a, ANCHORS, ACTIONS>,
-    environment: &'a EnvironmentMemory<VAS>,
-    filter: &'a StateFilter<ANCHORS, VAS>,
-) -> impl Iterator<Item = Visible> + Clone + 'a {
-    let direct = told.anchors.iter().enumerate().map(move |(index, anchor)| Visible {
-        source: Source::Direct { anchor: index },
-        position_m: anchor.position_m,
-        height_m: told.height_m(anchor),
-        covariance_m2: Matrix2::new(0.0, 0.0, 0.0, 0.0),
-    });
-    let reflected = environment.iter().filter_map(move |(slot, record)| {
-        if record.existence <= CONFIRMED {
-            return None;
+/// From where an anchor's candidates are seen, and what they compete with; `direct` is the anchor's direct path as it was
+/// expected.
+pub(super) fn discovery_view<const ANCHORS: usize, const SURFACES: usize, const ACTIONS: usize>(
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    filter: &StateFilter<ANCHORS, SURFACES>,
+    clutter: &ClutterMemory<ANCHORS>,
+    anchor: usize,
+    direct: &Regression,
+) -> Option<(Viewpoint, Background)> {
+    let sight = told.sight(anchor)?;
+    let (bias_m, _) = filter.bias_m(anchor)?;
+    let viewpoint = Viewpoint {
+        agent: filter.agent(),
+        height_m: sight.height_m,
+        height_std_m: sight.height_std_m,
+        bias_m,
+        direct_m: direct.range_m,
+        direct_variance_m2: direct.variance_m2(),
+    };
+    let clutter = clutter.clutter(anchor);
+    let background = Background {
+        all_per_m: clutter.all_per_m,
+        false_alarms_per_m: clutter.false_alarms_per_m,
+        detection_probability: told.config.association.detection_probability,
+    };
+    Some((viewpoint, background))
+}
+
+/// Sources as they are seen from one place, kept.
+pub(super) struct Seen<const ANCHORS: usize, const SOURCES: usize> {
+    direct: Vec<Visible, ANCHORS>,
+    images: Vec<Visible, SOURCES>,
+}
+
+impl<const ANCHORS: usize, const SOURCES: usize> Seen<ANCHORS, SOURCES> {
+    /// Keeps them.
+    #[inline(always)] // built where it stays
+    pub(super) fn new(sources: impl Iterator<Item = Visible>) -> Self {
+        let mut seen = Self { direct: Vec::new(), images: Vec::new() };
+        for source in sources {
+            // One per anchor and one per slot: the pushes succeed.
+            let _ = match source.source {
+                Source::Direct { .. } => seen.direct.push(source),
+                Source::Virtual { .. } => seen.images.push(source),
+            };
         }
-        let (position, covariance_m2) = filter.virtual_anchor(slot)?;
-        Some(Visible {
-            source: Source::Virtual { anchor: record.anchor, slot },
-            position_m: [position.x, position.y],
-            height_m: told.height_m(told.anchors.get(record.anchor)?),
-            covariance_m2,
-        })
-    });
-    direct.chain(reflected)
+        seen
+    }
+
+    /// All of them.
+    pub(super) fn iter(&self) -> impl Iterator<Item = Visible> + Clone + '_ {
+        self.direct.iter().chain(&self.images).copied()
+    }
 }
 
 /// Where planning starts from.

@@ -134,11 +134,11 @@ impl<const ACTIONS: usize> Row<ACTIONS> {
     }
 }
 
-/// SINR of `ANCHORS` direct paths and `VAS` virtual anchors at `ACTIONS` actions.
+/// SINR of `ANCHORS` direct paths and `SOURCES` virtual anchors at `ACTIONS` actions.
 #[derive(Clone, Debug)]
-pub struct ChannelMemory<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> {
+pub struct ChannelMemory<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> {
     direct: [Row<ACTIONS>; ANCHORS],
-    virtual_anchors: [Row<ACTIONS>; VAS],
+    virtual_anchors: [Row<ACTIONS>; SOURCES],
     /// Effective number of frames of an anchor at an action, neighbours and age counted in.
     heard: [[f32; ACTIONS]; ANCHORS],
     settings: ChannelMemorySettings,
@@ -149,7 +149,9 @@ pub struct ChannelMemory<const ANCHORS: usize, const VAS: usize, const ACTIONS: 
     loss_ln: [f32; ACTIONS],
 }
 
-impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory<ANCHORS, VAS, ACTIONS> {
+impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
+    ChannelMemory<ANCHORS, SOURCES, ACTIONS>
+{
     /// An empty memory. `prior_sinr` (linear) is assumed of sources never seen, at the carrier of the first action;
     /// with `neighbours`, actions tell of those whose spectra they overlap.
     #[inline(always)] // built where it stays
@@ -168,7 +170,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
         }
         Self {
             direct: [Row::default(); ANCHORS],
-            virtual_anchors: [Row::default(); VAS],
+            virtual_anchors: [Row::default(); SOURCES],
             heard: [[0.0; ACTIONS]; ANCHORS],
             settings,
             prior_ln: ln(prior_sinr),
@@ -391,8 +393,8 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 }
 
-impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelKnowledge
-    for ChannelMemory<ANCHORS, VAS, ACTIONS>
+impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> ChannelKnowledge
+    for ChannelMemory<ANCHORS, SOURCES, ACTIONS>
 {
     fn visibility(&self, source: Source) -> f32 {
         self.row(source).map_or(1.0, |row| row.visibility)

@@ -9,13 +9,15 @@ use crate::perceptor::scan::Scan;
 use crate::radio::library::Library;
 use crate::real::larger;
 
-impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory<ANCHORS, VAS, ACTIONS> {
+impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
+    ChannelMemory<ANCHORS, SOURCES, ACTIONS>
+{
     /// SINR and visibility of every source of a frame whose path was probably seen; from roughly where the tag is
     /// (`is_placed` false), what the noise of the frame tells alone.
     #[inline(never)]
     pub fn observe<const PATHS: usize>(
         &mut self,
-        associated: &AssociatedScan<'_, VAS, PATHS>,
+        associated: &AssociatedScan<'_, SOURCES, PATHS>,
         library: &Library<ACTIONS>,
         is_placed: bool,
     ) {
@@ -58,7 +60,7 @@ impl<const ANCHORS: usize, const VAS: usize, const ACTIONS: usize> ChannelMemory
     }
 
     /// How far the noise of a frame has changed because interference came or went.
-    fn jump<const PATHS: usize>(&self, associated: &AssociatedScan<'_, VAS, PATHS>) -> f32 {
+    fn jump<const PATHS: usize>(&self, associated: &AssociatedScan<'_, SOURCES, PATHS>) -> f32 {
         let scan = associated.scan;
         let (mut sum, mut count) = (0.0, 0.0);
         for (regression, _) in associated.features() {

@@ -13,7 +13,7 @@ pub const TOLERANCE: f32 = 1e-4;
 /// Capacity: iterations, which bound the time.
 pub const ITERATIONS: usize = 60;
 
-impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
+impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
     /// Exchanges messages between the loopy features and the measurements within their gates until they stand
     /// still; returns the iterations used (zero where no feature is loopy).
     #[inline(never)]

@@ -92,10 +92,10 @@ impl<const PATHS: usize> Trellis<PATHS> {
     /// Writes the beliefs of the cluster that is gathered in `rows`; false where it needs more than `limit` values
     /// or its probabilities leave the range of `f32`.
     #[inline(never)]
-    pub(super) fn solve<const VAS: usize>(
+    pub(super) fn solve<const SOURCES: usize>(
         &mut self,
-        rows: &mut Rows<VAS, PATHS>,
-        beliefs: &mut Beliefs<VAS, PATHS>,
+        rows: &mut Rows<SOURCES, PATHS>,
+        beliefs: &mut Beliefs<SOURCES, PATHS>,
         limit: usize,
     ) -> bool {
         if !(self.line_up(rows) && self.seat(rows, limit)) {
@@ -111,7 +111,7 @@ impl<const PATHS: usize> Trellis<PATHS> {
     }
 
     /// Lists the gathered features by expected range; false where they are too many.
-    fn line_up<const VAS: usize>(&mut self, rows: &mut Rows<VAS, PATHS>) -> bool {
+    fn line_up<const SOURCES: usize>(&mut self, rows: &mut Rows<SOURCES, PATHS>) -> bool {
         self.features.clear();
         let mut all = true;
         while let Some((feature, row)) = rows.shortest_gathered() {
@@ -122,7 +122,7 @@ impl<const PATHS: usize> Trellis<PATHS> {
     }
 
     /// Gives every contested measurement its seat; false where the states are too many.
-    fn seat<const VAS: usize>(&mut self, rows: &Rows<VAS, PATHS>, limit: usize) -> bool {
+    fn seat<const SOURCES: usize>(&mut self, rows: &Rows<SOURCES, PATHS>, limit: usize) -> bool {
         let mut seen = 0_u32;
         for (step, &feature) in self.features.iter().enumerate() {
             let Some(row) = rows.get(feature) else { return false };
@@ -166,7 +166,7 @@ impl<const PATHS: usize> Trellis<PATHS> {
     }
 
     #[inline(never)]
-    fn step<const VAS: usize>(&self, rows: &Rows<VAS, PATHS>, step: usize) -> Option<Step<PATHS>> {
+    fn step<const SOURCES: usize>(&self, rows: &Rows<SOURCES, PATHS>, step: usize) -> Option<Step<PATHS>> {
         let &feature = self.features.get(step)?;
         let row = rows.get(feature)?;
         let &open = self.open.get(step)?;
@@ -202,7 +202,7 @@ impl<const PATHS: usize> Trellis<PATHS> {
 
     /// B_k(s) of all steps, as sums or, for the `best` path alone, as largest terms.
     #[inline(never)]
-    fn backward<const VAS: usize>(&mut self, rows: &Rows<VAS, PATHS>, best: bool) {
+    fn backward<const SOURCES: usize>(&mut self, rows: &Rows<SOURCES, PATHS>, best: bool) {
         let steps = self.features.len();
         self.set(steps + 1, 0, 1.0);
         for k in (0..steps).rev() {
@@ -228,10 +228,10 @@ impl<const PATHS: usize> Trellis<PATHS> {
 
     /// A_k(s) of all steps and the marginals; false where these lost their digits.
     #[inline(never)]
-    fn forward<const VAS: usize>(
+    fn forward<const SOURCES: usize>(
         &mut self,
-        rows: &Rows<VAS, PATHS>,
-        beliefs: &mut Beliefs<VAS, PATHS>,
+        rows: &Rows<SOURCES, PATHS>,
+        beliefs: &mut Beliefs<SOURCES, PATHS>,
     ) -> bool {
         self.set(0, 0, 1.0);
         for k in 0..self.features.len() {
@@ -281,7 +281,11 @@ impl<const PATHS: usize> Trellis<PATHS> {
 
     /// Writes the best path; of equals, the first.
     #[inline(never)]
-    fn follow<const VAS: usize>(&self, rows: &Rows<VAS, PATHS>, beliefs: &mut Beliefs<VAS, PATHS>) {
+    fn follow<const SOURCES: usize>(
+        &self,
+        rows: &Rows<SOURCES, PATHS>,
+        beliefs: &mut Beliefs<SOURCES, PATHS>,
+    ) {
         let mut state = 0;
         for k in 0..self.features.len() {
             let Some(step) = self.step(rows, k) else { return };

@@ -139,12 +139,12 @@ pub(super) fn members(set: u32) -> impl Iterator<Item = usize> {
 
 /// The features of one anchor: number 0 is the direct path, the virtual anchors follow in the order given.
 #[derive(Clone, Debug)]
-pub(super) struct Rows<const VAS: usize, const PATHS: usize> {
+pub(super) struct Rows<const SOURCES: usize, const PATHS: usize> {
     pub(super) direct: Row<PATHS>,
-    pub(super) virtual_anchors: Vec<Row<PATHS>, VAS>,
+    pub(super) virtual_anchors: Vec<Row<PATHS>, SOURCES>,
 }
 
-impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
+impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
     /// No features yet. They come with [`Self::fill`]: built in place, the rows need not be moved, and so stand on the
     /// stack once.
     pub(super) fn empty() -> Self {
@@ -156,7 +156,7 @@ impl<const VAS: usize, const PATHS: usize> Rows<VAS, PATHS> {
     pub(super) fn fill(
         &mut self,
         direct: &Expectation,
-        virtual_anchors: &Vec<Expectation, VAS>,
+        virtual_anchors: &Vec<Expectation, SOURCES>,
         measurements: &Vec<Measurement, PATHS>,
         claims: &[f32; PATHS],
         clutter: &Clutter,

@@ -86,18 +86,18 @@ pub struct Belief<const PATHS: usize> {
 
 /// The outcome for one anchor: `direct` path first, then its virtual anchors in the order given.
 #[derive(Clone, Debug)]
-pub struct Beliefs<const VAS: usize, const PATHS: usize> {
+pub struct Beliefs<const SOURCES: usize, const PATHS: usize> {
     /// The physical anchor's direct path.
     pub direct: Belief<PATHS>,
     /// The anchor's virtual anchors, in the order given.
-    pub virtual_anchors: Vec<Belief<PATHS>, VAS>,
+    pub virtual_anchors: Vec<Belief<PATHS>, SOURCES>,
     /// Probability that measurement m comes from no known feature.
     pub unassociated: [f32; PATHS],
     /// Iterations of belief propagation; 0 where every cluster was solved exactly.
     pub iterations: usize,
 }
 
-impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
+impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
     /// Beliefs of all features, the direct path first.
     pub fn features(&self) -> impl Iterator<Item = &Belief<PATHS>> + Clone {
         core::iter::once(&self.direct).chain(self.virtual_anchors.iter())
@@ -116,13 +116,13 @@ impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
     ///
     /// Returns, per feature (the direct path first), the index of its measurement.
     #[inline(never)]
-    pub fn most_probable(&self) -> (Option<usize>, Vec<Option<usize>, VAS>) {
+    pub fn most_probable(&self) -> (Option<usize>, Vec<Option<usize>, SOURCES>) {
         let known = |belief: &Belief<PATHS>| match belief.joint {
             Joint::Measurement(m) => Some(m),
             Joint::Missed | Joint::Unknown => None,
         };
         let mut direct = known(&self.direct);
-        let mut virtual_anchors: Vec<Option<usize>, VAS> = Vec::new();
+        let mut virtual_anchors: Vec<Option<usize>, SOURCES> = Vec::new();
         for belief in &self.virtual_anchors {
             // Capacities are equal: every push succeeds.
             let _ = virtual_anchors.push(known(belief));
@@ -162,7 +162,7 @@ impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
     }
 }
 
-impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
+impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
     /// Replaces the association probabilities by the most probable association: ones and zeros. Existence
     /// stays what the soft beliefs made it.
     pub fn harden(&mut self) {
@@ -182,25 +182,25 @@ impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
 
 /// Associates one anchor's `measurements` with its direct path and its virtual anchors. `claims` says, per measurement, how
 /// much more probable something that is not among these features makes it than clutter would (1: nothing).
-pub fn associate<const VAS: usize, const PATHS: usize>(
+pub fn associate<const SOURCES: usize, const PATHS: usize>(
     direct: &Expectation,
-    virtual_anchors: &Vec<Expectation, VAS>,
+    virtual_anchors: &Vec<Expectation, SOURCES>,
     measurements: &Vec<Measurement, PATHS>,
     claims: &[f32; PATHS],
     clutter: &Clutter,
-) -> Beliefs<VAS, PATHS> {
+) -> Beliefs<SOURCES, PATHS> {
     associate_within(direct, virtual_anchors, measurements, claims, clutter, STATES)
 }
 
 /// As [`associate`]; clusters that need more than `limit` values for an exact solution are not given one.
-fn associate_within<const VAS: usize, const PATHS: usize>(
+fn associate_within<const SOURCES: usize, const PATHS: usize>(
     direct: &Expectation,
-    virtual_anchors: &Vec<Expectation, VAS>,
+    virtual_anchors: &Vec<Expectation, SOURCES>,
     measurements: &Vec<Measurement, PATHS>,
     claims: &[f32; PATHS],
     clutter: &Clutter,
     limit: usize,
-) -> Beliefs<VAS, PATHS> {
+) -> Beliefs<SOURCES, PATHS> {
     let count = measurements.len();
     let mut rows = Rows::empty();
     rows.fill(direct, virtual_anchors, measurements, claims, clutter);
@@ -221,14 +221,14 @@ fn associate_within<const VAS: usize, const PATHS: usize>(
     beliefs
 }
 
-impl<const VAS: usize, const PATHS: usize> Beliefs<VAS, PATHS> {
+impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
     /// Fills in what the exact solution leaves: marginals of loopy features, existence, and what is unassociated.
     #[inline(never)]
     fn conclude(
         &mut self,
-        rows: &Rows<VAS, PATHS>,
+        rows: &Rows<SOURCES, PATHS>,
         direct: &Expectation,
-        virtual_anchors: &Vec<Expectation, VAS>,
+        virtual_anchors: &Vec<Expectation, SOURCES>,
         count: usize,
     ) {
         for free in self.unassociated.iter_mut().take(count) {

@@ -11,13 +11,13 @@ use heapless::Vec;
 
 /// A scan, its expectations and the beliefs about them.
 #[derive(Clone, Debug)]
-pub struct AssociatedScan<'a, const VAS: usize, const PATHS: usize> {
+pub struct AssociatedScan<'a, const SOURCES: usize, const PATHS: usize> {
     /// What was received.
     pub scan: &'a Scan<PATHS>,
     /// What it was expected to show.
-    pub expected: &'a Expectations<VAS>,
+    pub expected: &'a Expectations<SOURCES>,
     /// Which measurement belongs to which source.
-    pub beliefs: Beliefs<VAS, PATHS>,
+    pub beliefs: Beliefs<SOURCES, PATHS>,
     /// Evidence that the tag is where it is believed to be, nats.
     pub evidence_nat: f32,
 }
@@ -41,7 +41,7 @@ impl Innovation {
     }
 }
 
-impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
+impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS> {
     /// Every source with the beliefs about it, the direct path first.
     pub fn features(&self) -> impl Iterator<Item = (&Regression, &Belief<PATHS>)> + Clone {
         self.expected.regressions().zip(self.beliefs.features())
@@ -73,13 +73,13 @@ impl<const VAS: usize, const PATHS: usize> AssociatedScan<'_, VAS, PATHS> {
 /// Which measurement of a scan belongs to which source. `claims` says, per measurement, how much more probable something that is
 /// not expected makes it than clutter would.
 #[inline(never)]
-pub fn associate_scan<'a, const VAS: usize, const PATHS: usize>(
+pub fn associate_scan<'a, const SOURCES: usize, const PATHS: usize>(
     scan: &'a Scan<PATHS>,
-    expected: &'a Expectations<VAS>,
+    expected: &'a Expectations<SOURCES>,
     claims: &[f32; PATHS],
     clutter: &Clutter,
     mode: Mode,
-) -> AssociatedScan<'a, VAS, PATHS> {
+) -> AssociatedScan<'a, SOURCES, PATHS> {
     let Expectations { direct_path, expectations, .. } = expected;
     let evidence_nat = evidence_nat(&scan.measurements, direct_path, expectations.iter(), clutter);
     let mut beliefs = associate(direct_path, expectations, &scan.measurements, claims, clutter);
@@ -112,8 +112,8 @@ fn innovation<const PATHS: usize>(
 
 /// Mean normalised innovation squared of what was associated: 1 where the filter knows how wrong it is, 0 without
 /// measurements.
-pub fn normalised_innovation<'a, const VAS: usize, const PATHS: usize>(
-    heard: impl Iterator<Item = &'a AssociatedScan<'a, VAS, PATHS>>,
+pub fn normalised_innovation<'a, const SOURCES: usize, const PATHS: usize>(
+    heard: impl Iterator<Item = &'a AssociatedScan<'a, SOURCES, PATHS>>,
 ) -> f32 {
     let (mut weight, mut squares) = (0.0, 0.0);
     for innovation in heard.flat_map(AssociatedScan::innovations) {

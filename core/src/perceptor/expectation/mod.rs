@@ -1,7 +1,7 @@
 //! Expectation: what every source of a scan is expected to show, once per scan and place of the tag.
 //!
-//! Range and its variance come from the regression on the state, existence from the map, detection from what is known of
-//! the channel and from the scan's own noise. Paths of a frame disturb each other ([`overlap`]): their ranges are worth
+//! Range and its variance come from the regression on the state, existence from the map, detection from what the plan lets
+//! through to the place, from what is known of the channel, and from the scan's own noise. Paths of a frame disturb each other ([`overlap`]): their ranges are worth
 //! less, and two may be found as one.
 
 pub mod overlap;
@@ -9,7 +9,7 @@ pub mod overlap;
 use self::overlap::{Arrival, Overlap};
 use super::scan::Scan;
 use crate::model::channel::ChannelPrior;
-use crate::model::detection::{HIDDEN_DETECTION, detection_probability};
+use crate::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION, detection_probability};
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
 use crate::real::{limited, smaller};
@@ -39,6 +39,8 @@ pub struct Prospect {
     pub sinr_here: Option<f32>,
     /// Whether it is a virtual anchor that was never seen.
     pub is_unseen_image: bool,
+    /// Probability that the plan lets its path through to where the tag is; 1 without a plan.
+    pub availability: f32,
 }
 
 /// Whether the path of a source that exists can be seen.
@@ -55,7 +57,7 @@ pub enum Sighting {
 pub struct Detection {
     /// The probability.
     pub probability: f32,
-    /// The probability if nothing hides the source but the noise.
+    /// The probability if nothing hides the source but the plan and the noise.
     pub found: f32,
     /// Whether it can be seen.
     pub sighting: Sighting,
@@ -64,46 +66,54 @@ pub struct Detection {
 impl Prospect {
     /// How probable it is that its path is found: see [`detection`].
     pub fn detection<const PATHS: usize>(&self, scan: &Scan<PATHS>, told: f32) -> Detection {
-        detection(scan, told, &self.channel, self.sinr_here, self.is_unseen_image)
+        detection(scan, told, &self.channel, self.sinr_here, self.is_unseen_image, self.availability)
     }
 }
 
 /// How probable it is that the path of an existing source is found in a scan: of frames by its SINR as remembered, or less
-/// where the frame is noisier; `told` is the probability for ranges and for what was never seen.
+/// where the frame is noisier; `told` is the probability for ranges and for what was never seen. All of it where the plan lets
+/// the path through, hardly any where it does not.
 pub fn detection<const PATHS: usize>(
     scan: &Scan<PATHS>,
     told: f32,
     channel: &ChannelPrior,
     sinr_here: Option<f32>,
     is_unseen_image: bool,
+    availability: f32,
 ) -> Detection {
-    if !scan.is_framed() {
-        return Detection { probability: told, found: told, sighting: Sighting::Open };
-    }
-    let sinr = sinr_here.map_or(channel.sinr, |here| smaller(channel.sinr, here));
-    let found = detection_probability(sinr, scan.threshold());
-    let (probability, is_hidden) = match (channel.seen, is_unseen_image) {
-        (true, _) => (channel.visibility * found, channel.visibility * found <= HIDDEN_DETECTION),
-        (false, true) => (HIDDEN_DETECTION, true),
-        (false, false) => (told, false),
+    let (found, visible, is_unknown) = if scan.is_framed() {
+        let sinr = sinr_here.map_or(channel.sinr, |here| smaller(channel.sinr, here));
+        let found = detection_probability(sinr, scan.threshold());
+        match (channel.seen, is_unseen_image) {
+            (true, _) => (found, channel.visibility * found, false),
+            (false, true) => (found, HIDDEN_DETECTION, true),
+            (false, false) => (found, told, false),
+        }
+    } else {
+        (told, told, false)
     };
-    let sighting = if is_hidden { Sighting::Hidden } else { Sighting::Open };
-    Detection { probability: limited(probability, HIDDEN_DETECTION, told), found, sighting }
+    let is_hidden = is_unknown || visible * availability <= HIDDEN_DETECTION;
+    let open = limited(visible, HIDDEN_DETECTION, told);
+    Detection {
+        probability: open - (open - UNAVAILABLE_DETECTION) * (1.0 - availability),
+        found: found * availability,
+        sighting: if is_hidden { Sighting::Hidden } else { Sighting::Open },
+    }
 }
 
 /// What is expected of the sources of one anchor: their regressions, and what association makes of them.
 #[derive(Clone, Debug)]
-pub struct Expectations<const VAS: usize> {
+pub struct Expectations<const SOURCES: usize> {
     /// The direct path on the state.
     pub direct: Regression,
     /// The direct path.
     pub direct_path: Expectation,
     /// The anchor's virtual anchors on the state, in the order of their slots.
-    pub virtual_anchors: Vec<Regression, VAS>,
+    pub virtual_anchors: Vec<Regression, SOURCES>,
     /// What is expected of each of them.
-    pub expectations: Vec<Expectation, VAS>,
+    pub expectations: Vec<Expectation, SOURCES>,
     /// How each can be seen, the direct path first.
-    views: (View, Vec<View, VAS>),
+    views: (View, Vec<View, SOURCES>),
 }
 
 /// How a source can be seen.
@@ -117,7 +127,7 @@ pub struct View {
     pub sighting: Sighting,
 }
 
-impl<const VAS: usize> Expectations<VAS> {
+impl<const SOURCES: usize> Expectations<SOURCES> {
     /// What a direct path is expected to show, and no virtual anchors yet.
     pub fn new(direct: &Prospect, detection: &Detection) -> Self {
         Self {
@@ -142,6 +152,11 @@ impl<const VAS: usize> Expectations<VAS> {
         core::iter::once(&self.views.0).chain(&self.views.1)
     }
 
+    /// Probability that each source exists, the direct path first.
+    pub fn existences(&self) -> impl Iterator<Item = f32> + Clone {
+        core::iter::once(&self.direct_path).chain(&self.expectations).map(|expectation| expectation.existence)
+    }
+
     /// Every regression, the direct path's first.
     pub fn regressions(&self) -> impl Iterator<Item = &Regression> + Clone {
         core::iter::once(&self.direct).chain(&self.virtual_anchors)
@@ -157,7 +172,7 @@ impl<const VAS: usize> Expectations<VAS> {
             sinr,
         };
         let first = arrival(direct_path, views.0.sinr);
-        let mut others: Vec<Arrival, VAS> = Vec::new();
+        let mut others: Vec<Arrival, SOURCES> = Vec::new();
         for (expectation, view) in expectations.iter().zip(&views.1) {
             // Capacities are equal: every push succeeds.
             let _ = others.push(arrival(expectation, view.sinr));

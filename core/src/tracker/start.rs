@@ -1,0 +1,89 @@
+//! What is told before the start: virtual anchors and a plan become surfaces and sources.
+
+use crate::config::Config;
+use crate::memory::environment::{EnvironmentMemory, TOLD};
+use crate::model::anchor::{Anchor, MappedVirtualAnchor};
+use crate::model::image::Sequence;
+use crate::model::listing::{Listed, list};
+use crate::model::plan::{FloorPlan, Plan, Wall};
+use crate::model::surface::Surface;
+use crate::perceptor::state_filter::StateFilter;
+use nalgebra::Vector2;
+
+/// Enters virtual anchors told by their positions, each with a private surface, in order from the first slots.
+#[inline(never)]
+pub(super) fn enter_virtual_anchors<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
+    virtual_anchors: &[MappedVirtualAnchor],
+    is_exact: bool,
+) {
+    for (slot, mapped) in virtual_anchors.iter().enumerate() {
+        let std_m = if is_exact { 0.0 } else { mapped.std_m };
+        let [x, y] = mapped.position_m;
+        filter.insert_independent(slot, Surface::Private, Vector2::new(x, y), [std_m; 2]);
+        environment.insert_surface(slot, TOLD, false);
+        environment.insert(slot, mapped.anchor, Sequence::of(slot as u8), 0);
+    }
+}
+
+/// Enters the sources that a plan shows, the most useful first, with the walls that they are reflected by.
+#[inline(never)]
+pub(super) fn enter_plan<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
+    plan: &mut FloorPlan<SEGMENTS>,
+    told: &Plan<'_>,
+    anchors: &[Anchor],
+    config: &Config,
+) {
+    let free_surfaces = (0..SURFACES).filter(|slot| filter.surface(*slot).is_none()).count();
+    let first_free = SOURCES - environment.iter().count();
+    let listed =
+        list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, config.ranging.max_range_m, free_surfaces);
+    for Listed { anchor, walls, is_either_order, .. } in listed.into_iter().take(first_free) {
+        let [first, second] = walls.map(|wall| {
+            wall.and_then(|wall| surface_of(filter, environment, plan, usize::from(wall), config.exact_map))
+        });
+        let Some(first) = first else { continue };
+        let Some(slot) = environment.free_slot() else { break };
+        environment.insert(slot, anchor, Sequence { first, second, is_either_order }, 0);
+    }
+    if !config.exact_map {
+        let [mx, my] = plan.middle_m();
+        let variance = told.turn_std_rad * told.turn_std_rad;
+        filter.correlate(variance, |slot, _| {
+            // A turn about the middle shifts a wall along its normal by n . J (c - m).
+            let Some(wall) = plan.wall_of(slot).and_then(|wall| plan.walls().get(wall)) else {
+                return [0.0; 2];
+            };
+            let ([cx, cy], [nx, ny]) = (wall.line.centre_m, wall.line.normal);
+            [ny * (cx - mx) - nx * (cy - my), 1.0]
+        });
+    }
+}
+
+/// The slot of a wall's surface, which is entered where it is not yet; `None` where there is no room.
+fn surface_of<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, const SEGMENTS: usize>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
+    plan: &mut FloorPlan<SEGMENTS>,
+    wall: usize,
+    is_exact: bool,
+) -> Option<u8> {
+    let Wall { line, told, surface, .. } = *plan.walls().get(wall)?;
+    if surface.is_some() {
+        return surface;
+    }
+    let slot = filter.free_slot()?;
+    let std = if is_exact { [0.0; 2] } else { [told.offset_std_m, told.rotation_std_rad] };
+    filter.insert_independent(slot, Surface::Wall(line), Vector2::new(0.0, 0.0), std);
+    environment.insert_surface(slot, TOLD, true);
+    plan.assign(wall, slot as u8);
+    Some(slot as u8)
+}
