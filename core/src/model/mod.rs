@@ -2,6 +2,7 @@
 //! both, and what a range does to a Gaussian state.
 
 pub mod anchor;
+pub mod availability;
 pub mod channel;
 pub mod clock;
 pub mod detection;

@@ -1,0 +1,662 @@
+//! Availability: how probable it is that the walls let a path through to a place.
+//!
+//! A path is there where every reflection falls on a segment of its wall and no other wall is in between. Both are soft: the
+//! tag is known to within a deviation s per axis, a wall to within s_w. For a leg from an exact point to the tag that meets a
+//! wall at the share f of its way, h across and g along the wall,
+//!
+//! variance of the meeting along the wall = ((f s)^2 + s_w^2) min(1 + (g / h)^2, 16),
+//!
+//! f s (1, g / h) being the slopes over the tag's position, and the wall's ends as uncertain as the wall itself. Normal
+//! distributions are taken as logistic ones. A reflection is met on the way from the mirror image, so that both cases are one.
+//!
+//! What the reflections of a path depend on counts by its least probability: in a corner, on which side of one wall a path is
+//! and whether it meets the other are the same question. Walls that are crossed count as independent, by the product.
+
+use super::detection::LOGISTIC;
+use super::plan::{FloorPlan, Segment, Wall};
+use super::surface::Line;
+use crate::real::{abs, exp, larger, limited, smaller, sqrt};
+use heapless::Vec;
+
+/// Guard: against certainty where a wall is told as exact: its least deviation, metres. Walls are thick.
+pub const LEAST_STD_M: f32 = 0.05;
+/// Mathematics: beyond so many deviations the normal distribution is within 0.0014 of 0 or 1, and counts as that.
+const SURE: f32 = 3.0;
+/// Guard: against an anchor behind the wall that it hangs on: within this of a wall it is on neither side, metres.
+const ON_WALL_M: f32 = 0.05;
+/// Guard: against meetings without a place, of legs along a wall: most that the angle multiplies their variance by.
+const MOST_OBLIQUE: f32 = 16.0;
+/// Guard: against division by nothing, of a path along a wall: least way across it, metres.
+const LEAST_ACROSS_M: f32 = 0.01;
+/// Guard: against work for what nobody sees: availability below this is 0.
+const LEAST: f32 = 0.01;
+/// Guard: against overflow: largest deviation of the tag, metres.
+const MOST_STD_M: f32 = 1e4;
+/// Tuned: a wall is surely crossed above this share, surely not crossed below what is left of 1.
+const CLEAR: f32 = 0.9;
+
+/// A wall as it stands now, with what it lets through.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallNow {
+    /// Its line, shifted and turned as it is believed to be.
+    pub line: Line,
+    /// Standard deviation of where that is, metres; 0.05 at least is taken.
+    pub std_m: f32,
+    /// Share of detection (0 to 1) that it leaves to a path that crosses it.
+    pub through: f32,
+}
+
+impl WallNow {
+    /// A wall where the plan tells it.
+    pub fn told(wall: &Wall, through: f32) -> Self {
+        Self { line: wall.line, std_m: wall.told.offset_std_m, through }
+    }
+}
+
+/// The walls of a plan as they stand now. Walls are named by their index in the plan.
+#[derive(Clone, Debug)]
+pub struct Walls<'a, const SEGMENTS: usize> {
+    walls: Vec<WallNow, SEGMENTS>,
+    segments: &'a Vec<Segment, SEGMENTS>,
+}
+
+/// The walls that a direct path crosses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Crossing {
+    /// Surely none.
+    None,
+    /// Surely this one, and no other.
+    One(usize),
+    /// Several, or it is not sure.
+    Unclear,
+}
+
+/// Where a path meets a wall.
+struct Meeting {
+    /// Where, along the wall's tangent from its centre, metres.
+    place_m: f32,
+    /// Variance of that, square metres.
+    variance_m2: f32,
+    /// Share of the way, 0 to 1.
+    share: f32,
+}
+
+/// A reflection.
+struct Bounce {
+    /// Probability that start and end of the path are on the same side.
+    same_side: f32,
+    meeting: Meeting,
+    /// Where it is.
+    end: End,
+}
+
+/// An end of a leg.
+#[derive(Clone, Copy)]
+struct End {
+    at_m: [f32; 2],
+    /// Variance of that per axis, square metres.
+    variance_m2: f32,
+    is_anchor: bool,
+}
+
+impl End {
+    const fn anchor(at_m: [f32; 2]) -> Self {
+        Self { at_m, variance_m2: 0.0, is_anchor: true }
+    }
+
+    fn tag(at_m: [f32; 2], std_m: f32) -> Self {
+        let std_m = limited(std_m, 0.0, MOST_STD_M);
+        Self { at_m, variance_m2: std_m * std_m, is_anchor: false }
+    }
+}
+
+impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
+    /// The walls of `plan`, each by its index and as told to `now`.
+    #[inline(always)] // built where it stays
+    pub fn new(plan: &'a FloorPlan<SEGMENTS>, now: impl Fn(usize, &Wall) -> WallNow) -> Self {
+        let mut walls = Vec::new();
+        for (index, wall) in plan.walls().iter().enumerate() {
+            let WallNow { line, std_m, through } = now(index, wall);
+            let (std_m, through) = (limited(std_m, LEAST_STD_M, MOST_STD_M), limited(through, 0.0, 1.0));
+            // As many as in the plan: the pushes succeed.
+            let _ = walls.push(WallNow { line, std_m, through });
+        }
+        Self { walls, segments: plan.segments() }
+    }
+
+    /// Availability (0 to 1) of the direct path to a place known within `std_m` per axis: the product over all walls of what
+    /// each lets through.
+    pub fn direct(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> f32 {
+        self.leg(&[End::anchor(anchor_m), End::tag(place_m, std_m)], [None; 2])
+    }
+
+    /// Availability (0 to 1) of the path reflected by wall `first` and then, where there is one, by wall `second`; 0 below 0.01,
+    /// and where there is no such wall.
+    pub fn reflected(
+        &self,
+        anchor_m: [f32; 2],
+        first: usize,
+        second: Option<usize>,
+        place_m: [f32; 2],
+        std_m: f32,
+    ) -> f32 {
+        let tag = End::tag(place_m, std_m);
+        let Some((last, before)) = self.bounces(anchor_m, first, second, &tag) else {
+            return 0.0;
+        };
+        let last_wall = second.unwrap_or(first);
+        let mut available = smaller(last.same_side, self.within(last_wall, &last.meeting));
+        if available < LEAST {
+            return 0.0;
+        }
+        let mut outer = last.end;
+        if let Some(bounce) = before {
+            available = smaller(available, smaller(bounce.same_side, self.within(first, &bounce.meeting)));
+            if available < LEAST {
+                return 0.0;
+            }
+            available *= self.leg(&[bounce.end, outer], [Some(first), second]);
+            outer = bounce.end;
+        }
+        available *= self.leg(&[last.end, tag], [Some(last_wall), None]);
+        if available < LEAST {
+            return 0.0;
+        }
+        available *= self.leg(&[End::anchor(anchor_m), outer], [Some(first), None]);
+        if available < LEAST { 0.0 } else { available }
+    }
+
+    /// Availability (0 to 1) of an image that two walls make in either order, and whether it is the reversed order,
+    /// `second` first, that counts: the one that is available rather; where none is, the one that the path would take if
+    /// walls had no ends.
+    pub fn either_order(
+        &self,
+        anchor_m: [f32; 2],
+        [first, second]: [usize; 2],
+        place_m: [f32; 2],
+        std_m: f32,
+    ) -> (f32, bool) {
+        let told = self.reflected(anchor_m, first, Some(second), place_m, std_m);
+        let reversed = self.reflected(anchor_m, second, Some(first), place_m, std_m);
+        if told > 0.0 || reversed > 0.0 {
+            return (smaller(told + reversed, 1.0), reversed > told);
+        }
+        let in_order =
+            |first, second| match self.bounces(anchor_m, first, Some(second), &End::tag(place_m, std_m)) {
+                Some((last, Some(before))) => last.same_side * before.same_side,
+                _ => 0.0,
+            };
+        (0.0, in_order(second, first) > in_order(first, second))
+    }
+
+    /// The walls that the direct path to a place known within `std_m` per axis crosses.
+    pub fn crossing(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> Crossing {
+        let ends = [End::anchor(anchor_m), End::tag(place_m, std_m)];
+        let mut crossing = Crossing::None;
+        for (index, wall) in self.walls.iter().enumerate() {
+            let crossed = self.crossed(index, wall, &ends);
+            if crossed > CLEAR && crossing == Crossing::None {
+                crossing = Crossing::One(index);
+            } else if crossed > 1.0 - CLEAR {
+                return Crossing::Unclear;
+            }
+        }
+        crossing
+    }
+
+    /// Share that walls other than those that reflect at its ends let through to a leg.
+    fn leg(&self, ends: &[End; 2], reflecting: [Option<usize>; 2]) -> f32 {
+        let mut through = 1.0;
+        for (index, wall) in self.walls.iter().enumerate() {
+            if reflecting.contains(&Some(index)) {
+                continue;
+            }
+            through *= 1.0 - self.crossed(index, wall, ends) * (1.0 - wall.through);
+        }
+        through
+    }
+
+    /// Probability that a leg crosses a wall.
+    fn crossed(&self, index: usize, wall: &WallNow, [from, to]: &[End; 2]) -> f32 {
+        let (before, behind) = (wall.line.distance_m(from.at_m), wall.line.distance_m(to.at_m));
+        let (near_m, beyond_m) = if before < 0.0 { (-before, behind) } else { (before, -behind) };
+        let wall_m2 = wall.std_m * wall.std_m;
+        let beyond_m2 = to.variance_m2 + wall_m2;
+        let near_m2 = from.variance_m2 + wall_m2;
+        if beyond_m < 0.0 && is_sure(beyond_m, beyond_m2) && (from.is_anchor || is_sure(near_m, near_m2)) {
+            return 0.0;
+        }
+        let beyond = probability(beyond_m, beyond_m2);
+        let sides = if from.is_anchor {
+            limited((near_m - ON_WALL_M) / wall.std_m, 0.0, 1.0) * beyond
+        } else {
+            let near = probability(near_m, near_m2);
+            near * beyond + (1.0 - near) * (1.0 - beyond)
+        };
+        if !(sides > 0.0) {
+            return 0.0;
+        }
+        let meeting = meeting(wall, near_m, beyond_m, [from.at_m, to.at_m], to.variance_m2);
+        sides * self.within(index, &meeting)
+    }
+
+    /// The last reflection of a path and, of two, the one before; `None` where the ends are surely on different sides.
+    fn bounces(
+        &self,
+        anchor_m: [f32; 2],
+        first: usize,
+        second: Option<usize>,
+        tag: &End,
+    ) -> Option<(Bounce, Option<Bounce>)> {
+        let wall = self.walls.get(first)?;
+        let Some(second) = second else {
+            return Some((bounce(wall, anchor_m, tag)?, None));
+        };
+        let last = bounce(self.walls.get(second)?, wall.line.mirrored_m(anchor_m), tag)?;
+        let before = bounce(wall, anchor_m, &last.end)?;
+        Some((last, Some(before)))
+    }
+
+    /// Probability that a meeting is on a segment of its wall.
+    fn within(&self, index: usize, meeting: &Meeting) -> f32 {
+        let mut within = 0.0;
+        for Segment { wall, extent_m: [begin_m, end_m] } in self.segments {
+            if usize::from(*wall) == index {
+                // The difference of two distribution functions: segments that join leave no gap.
+                let after = probability(meeting.place_m - begin_m, meeting.variance_m2);
+                let before = probability(end_m - meeting.place_m, meeting.variance_m2);
+                within += after + before - 1.0;
+            }
+        }
+        limited(within, 0.0, 1.0)
+    }
+}
+
+/// The reflection by a wall of a path from an image's or anchor's position; `None` where its ends are surely on different sides.
+fn bounce(wall: &WallNow, from_m: [f32; 2], end: &End) -> Option<Bounce> {
+    let End { at_m: to_m, variance_m2, .. } = *end;
+    let (from, to) = (wall.line.distance_m(from_m), wall.line.distance_m(to_m));
+    let near_m = larger(from, -from);
+    // What hangs on the wall is on the side of who looks at it.
+    let far_m = if near_m <= ON_WALL_M {
+        larger(to, -to)
+    } else if from < 0.0 {
+        -to
+    } else {
+        to
+    };
+    let side_m2 = variance_m2 + wall.std_m * wall.std_m;
+    if is_sure(far_m, side_m2) && far_m < 0.0 {
+        return None;
+    }
+    let meeting = meeting(wall, near_m, far_m, [from_m, to_m], variance_m2);
+    let ([cx, cy], [tx, ty]) = (wall.line.centre_m, wall.line.tangent());
+    Some(Bounce {
+        same_side: probability(far_m, side_m2),
+        end: End {
+            at_m: [cx + meeting.place_m * tx, cy + meeting.place_m * ty],
+            variance_m2: meeting.share * meeting.share * variance_m2,
+            is_anchor: false,
+        },
+        meeting,
+    })
+}
+
+/// Where a path from `near_m` before the wall to `far_m` behind it meets it; one that does not reach it, at its nearer end.
+fn meeting(
+    wall: &WallNow,
+    near_m: f32,
+    far_m: f32,
+    [from_m, to_m]: [[f32; 2]; 2],
+    variance_m2: f32,
+) -> Meeting {
+    let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
+    let share = if far_m >= 0.0 {
+        near_m / across_m
+    } else if near_m + far_m < 0.0 {
+        0.0
+    } else {
+        1.0
+    };
+    let begin_m = wall.line.place_m(from_m);
+    let along_m = wall.line.place_m(to_m) - begin_m;
+    let slope = along_m / across_m;
+    let oblique = smaller(1.0 + slope * slope, MOST_OBLIQUE);
+    Meeting {
+        place_m: begin_m + share * along_m,
+        variance_m2: (share * share * variance_m2 + wall.std_m * wall.std_m) * oblique,
+        share,
+    }
+}
+
+/// Whether it is sure on which side of 0 a number of this mean and variance is.
+fn is_sure(mean: f32, variance: f32) -> bool {
+    mean * mean > SURE * SURE * variance
+}
+
+/// Probability that a number of this mean and variance (above 0) is positive.
+fn probability(mean: f32, variance: f32) -> f32 {
+    if is_sure(mean, variance) {
+        return if mean > 0.0 { 1.0 } else { 0.0 };
+    }
+    1.0 / (1.0 + exp(-LOGISTIC * (mean / sqrt(variance))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plan::{Plan, PlanSegment, PlanWall};
+    use super::*;
+    use std::vec;
+
+    type Ends = [[f64; 2]; 2];
+    type Scene = std::vec::Vec<std::vec::Vec<Ends>>;
+
+    const EXACT: PlanWall = PlanWall { offset_std_m: 0.0, rotation_std_rad: 0.0 };
+    const THROUGH: f32 = 0.4;
+
+    fn plan(scene: &Scene) -> FloorPlan<16> {
+        let segments: std::vec::Vec<PlanSegment> = scene
+            .iter()
+            .enumerate()
+            .flat_map(|(wall, segments)| segments.iter().map(move |ends| (wall, ends)))
+            .map(|(wall, ends)| PlanSegment { wall, ends_m: ends.map(|end| end.map(|x| x as f32)) })
+            .collect();
+        let walls = vec![EXACT; scene.len()];
+        FloorPlan::new(&Plan {
+            outline_m: &[],
+            walls: &walls,
+            segments: &segments,
+            turn_std_rad: 0.0,
+            reflections: 2,
+        })
+        .unwrap()
+    }
+
+    fn told(plan: &FloorPlan<16>) -> Walls<'_, 16> {
+        Walls::new(plan, |_, wall| WallNow::told(wall, THROUGH))
+    }
+
+    /// Numbers between 0 and 1 (xorshift).
+    struct Random(u64);
+
+    impl Random {
+        fn uniform(&mut self) -> f64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            (self.0 >> 11) as f64 / (1u64 << 53) as f64
+        }
+
+        fn within(&mut self, low: f64, high: f64) -> f64 {
+            low + (high - low) * self.uniform()
+        }
+
+        fn normal(&mut self) -> f64 {
+            (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+        }
+    }
+
+    /// A rectangular room and two walls in it, the second with a door.
+    fn scene(random: &mut Random) -> Scene {
+        let (w, h) = (random.within(6.0, 12.0), random.within(5.0, 9.0));
+        let x = random.within(0.3 * w, 0.7 * w);
+        let (a, b) = (random.within(0.2, 0.4) * h, random.within(0.5, 0.8) * h);
+        let skew = random.within(-0.5, 0.5);
+        vec![
+            vec![[[0.0, 0.0], [w, 0.0]]],
+            vec![[[w, 0.0], [w, h]]],
+            vec![[[w, h], [0.0, h]]],
+            vec![[[0.0, h], [0.0, 0.0]]],
+            vec![[[x, 0.0], [x, a]], [[x, b], [x, h]]],
+            vec![[[0.1 * w, b], [0.25 * w, b + skew]]],
+        ]
+    }
+
+    /// A place in the room and off every wall.
+    fn inside(plan: &FloorPlan<16>, random: &mut Random) -> [f64; 2] {
+        loop {
+            let place = [random.within(0.0, 12.0), random.within(0.0, 9.0)];
+            let [x, y] = place.map(|x| x as f32);
+            let away = plan.walls().iter().map(|wall| wall.line.distance_m([x, y]));
+            // The outer walls are told anticlockwise: their normals, to the left, lead inside.
+            if away.enumerate().all(|(n, away_m)| if n < 4 { away_m > 0.4 } else { away_m.abs() > 0.4 }) {
+                return place;
+            }
+        }
+    }
+
+    /// Where on the first piece (share of it) and on the second the two meet, if they do.
+    fn cut([p, q]: Ends, [a, b]: Ends) -> Option<[f64; 2]> {
+        let (d, e) = ([q[0] - p[0], q[1] - p[1]], [b[0] - a[0], b[1] - a[1]]);
+        let determinant = d[0] * e[1] - d[1] * e[0];
+        let way = [a[0] - p[0], a[1] - p[1]];
+        let [u, v] =
+            [(way[0] * e[1] - way[1] * e[0]) / determinant, (way[0] * d[1] - way[1] * d[0]) / determinant];
+        ((0.0..1.0).contains(&u) && (0.0..1.0).contains(&v)).then_some([u, v])
+    }
+
+    /// What exact walls let through to an exact place, by tracing the ray backwards from the place; f64.
+    fn traced(scene: &Scene, anchor: [f64; 2], sequence: &[usize], place: [f64; 2]) -> f64 {
+        let mirrored = |[x, y]: [f64; 2], wall: usize| {
+            let [[ax, ay], [bx, by]] = scene[wall][0];
+            let (dx, dy) = (bx - ax, by - ay);
+            let along = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy);
+            let (fx, fy) = (ax + along * dx, ay + along * dy);
+            [2.0 * fx - x, 2.0 * fy - y]
+        };
+        let mut images = vec![anchor];
+        for &wall in sequence {
+            images.push(mirrored(*images.last().unwrap(), wall));
+        }
+        let mut corners = vec![place];
+        for (n, &wall) in sequence.iter().enumerate().rev() {
+            let ([px, py], [mx, my]) = (*corners.last().unwrap(), images[n + 1]);
+            let hit = scene[wall].iter().find_map(|segment| cut([[px, py], [mx, my]], *segment));
+            let Some([u, _]) = hit else { return 0.0 };
+            corners.push([px + u * (mx - px), py + u * (my - py)]);
+        }
+        corners.push(anchor);
+        let mut through = 1.0;
+        for (n, leg) in corners.windows(2).enumerate() {
+            // Its ends reflect: the walls around leg n, from the place.
+            let ends = [sequence.len().wrapping_sub(n + 1), sequence.len().wrapping_sub(n)];
+            let reflect: std::vec::Vec<_> = ends.iter().filter_map(|&n| sequence.get(n)).collect();
+            for (_, segments) in scene.iter().enumerate().filter(|(wall, _)| !reflect.contains(&wall)) {
+                if segments.iter().any(|segment| cut([leg[0], leg[1]], *segment).is_some()) {
+                    through *= f64::from(THROUGH);
+                }
+            }
+        }
+        through
+    }
+
+    /// The scene with every wall moved across and along by a deviation.
+    fn moved(scene: &Scene, std_m: f64, random: &mut Random) -> Scene {
+        let mut scene = scene.clone();
+        for wall in &mut scene {
+            let [[ax, ay], [bx, by]] = wall[0];
+            let length = (bx - ax).hypot(by - ay);
+            let (tx, ty) = ((bx - ax) / length, (by - ay) / length);
+            let (across, along) = (std_m * random.normal(), std_m * random.normal());
+            for [x, y] in wall.iter_mut().flatten() {
+                *x += along * tx - across * ty;
+                *y += along * ty + across * tx;
+            }
+        }
+        scene
+    }
+
+    fn sequences() -> std::vec::Vec<std::vec::Vec<usize>> {
+        let mut all = vec![vec![]];
+        for first in 0..6 {
+            all.push(vec![first]);
+            all.extend((0..6).filter(|second| *second != first).map(|second| vec![first, second]));
+        }
+        all
+    }
+
+    fn ours(walls: &Walls<'_, 16>, anchor: [f64; 2], sequence: &[usize], place: [f64; 2], std_m: f32) -> f64 {
+        let [anchor_m, place_m] = [anchor, place].map(|point| point.map(|x| x as f32));
+        f64::from(match sequence {
+            [] => walls.direct(anchor_m, place_m, std_m),
+            [first, rest @ ..] => walls.reflected(anchor_m, *first, rest.first().copied(), place_m, std_m),
+        })
+    }
+
+    #[test]
+    fn where_no_deviation_changes_what_is_seen_it_is_what_a_ray_tracer_sees() {
+        let mut random = Random(7);
+        let (mut seen, mut hidden) = ([0; 3], 0);
+        for _ in 0..120 {
+            let scene = scene(&mut random);
+            let plan = plan(&scene);
+            let walls = told(&plan);
+            let (anchor, place) = (inside(&plan, &mut random), inside(&plan, &mut random));
+            for sequence in sequences() {
+                let exact = traced(&scene, anchor, &sequence, place);
+                let is_clear = (0..100).all(|_| {
+                    let moved = moved(&scene, 0.2, &mut random);
+                    let place = place.map(|x| x + 0.2 * random.normal());
+                    traced(&moved, anchor, &sequence, place) == exact
+                });
+                if is_clear {
+                    let ours = ours(&walls, anchor, &sequence, place, 0.0);
+                    assert!((ours - exact).abs() < 0.02, "{sequence:?} {anchor:?} {place:?}: {ours} {exact}");
+                    if exact > 0.0 {
+                        seen[sequence.len()] += 1;
+                    } else {
+                        hidden += 1;
+                    }
+                }
+            }
+        }
+        assert!(seen.iter().all(|count| *count > 30) && hidden > 300, "{seen:?} {hidden}");
+    }
+
+    #[test]
+    fn the_soft_value_is_the_mean_over_places_and_walls() {
+        let mut random = Random(11);
+        for std_m in [0.1, 0.3] {
+            let (mut sum, mut far, mut count) = (0.0, 0_u32, 0_u32);
+            for _ in 0..25 {
+                let scene = scene(&mut random);
+                let plan = plan(&scene);
+                let walls = told(&plan);
+                let (anchor, place) = (inside(&plan, &mut random), inside(&plan, &mut random));
+                for sequence in sequences() {
+                    let draws = 200;
+                    let mean = (0..draws)
+                        .map(|_| {
+                            let moved = moved(&scene, f64::from(LEAST_STD_M), &mut random);
+                            let place = place.map(|x| x + std_m * random.normal());
+                            traced(&moved, anchor, &sequence, place)
+                        })
+                        .sum::<f64>()
+                        / f64::from(draws);
+                    let off = (ours(&walls, anchor, &sequence, place, std_m as f32) - mean).abs();
+                    // Where it is nothing for both, nothing is learnt.
+                    if mean > 0.01 || off > 0.01 {
+                        sum += off;
+                        far += u32::from(off > 0.1);
+                        count += 1;
+                    }
+                }
+            }
+            assert!(count > 200 && far * 20 < count, "{std_m}: {far} of {count}");
+            assert!(sum < 0.025 * f64::from(count), "{std_m}: {sum} of {count}");
+        }
+    }
+
+    /// A room of 8 m by 6 m; a wall across it at x = 5 m, down to y = 3 m.
+    fn room() -> Scene {
+        vec![
+            vec![[[0.0, 0.0], [8.0, 0.0]]],
+            vec![[[8.0, 0.0], [8.0, 6.0]]],
+            vec![[[8.0, 6.0], [0.0, 6.0]]],
+            vec![[[0.0, 6.0], [0.0, 0.0]]],
+            vec![[[5.0, 3.0], [5.0, 6.0]]],
+        ]
+    }
+
+    #[test]
+    fn an_anchor_is_not_behind_the_wall_that_it_hangs_on() {
+        let plan = plan(&room());
+        let walls = told(&plan);
+        for off_m in [-0.05, -0.01, 0.0, 0.03, 0.05] {
+            let (anchor_m, place_m) = ([2.0, off_m], [3.0, 3.5]);
+            assert_eq!(walls.direct(anchor_m, place_m, 0.05), 1.0, "{off_m}");
+            assert_eq!(walls.reflected(anchor_m, 2, None, place_m, 0.05), 1.0, "{off_m}");
+            assert_eq!(walls.reflected(anchor_m, 0, None, place_m, 0.05), 1.0, "{off_m}");
+        }
+        // Well outside it is.
+        assert!((walls.direct([2.0, -0.5], [3.0, 3.5], 0.05) - THROUGH).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_wall_that_is_crossed_alone_is_named() {
+        let plan = plan(&room());
+        let walls = told(&plan);
+        let anchor_m = [2.0, 4.5];
+        for (place_m, expected) in [
+            ([3.0, 3.0], Crossing::None),
+            ([7.0, 4.5], Crossing::One(4)),
+            // Past the end of the wall, and behind two of them.
+            ([8.0, 1.5], Crossing::Unclear),
+            ([9.0, 4.5], Crossing::Unclear),
+        ] {
+            assert_eq!(walls.crossing(anchor_m, place_m, 0.1), expected, "{place_m:?}");
+        }
+    }
+
+    #[test]
+    fn a_corner_shows_its_image_in_the_order_that_the_ray_takes() {
+        let plan = plan(&room());
+        let walls = told(&plan);
+        let anchor_m = [2.0, 2.0];
+        let at = |x, y| walls.either_order(anchor_m, [0, 3], [x, y], 0.1);
+        // The ray comes from (-2, -2): to the right of the diagonal it crosses the left wall first.
+        assert_eq!(at(4.0, 1.0), (1.0, true));
+        assert_eq!(at(1.0, 4.0), (1.0, false));
+        let (middle, _) = at(3.0, 3.0);
+        assert!(middle > 0.6, "{middle}");
+        // From here the ray to the image (3.5, 7) passes below the end of wall 4, then crosses the line of wall 2.
+        let unseen = |walls_met| walls.either_order([6.5, 5.0], walls_met, [5.5, 0.5], 0.1);
+        assert_eq!((unseen([4, 2]), unseen([2, 4])), ((0.0, true), (0.0, false)));
+    }
+
+    #[test]
+    fn whatever_the_places_it_is_a_probability() {
+        let mut random = Random(3);
+        let mut pick = |values: &[f64]| values[(random.uniform() * values.len() as f64) as usize];
+        let some = [0.0, 1e-6, 0.04, 0.05, 1.0, 1.0 + 1e-6, 5.0, -3.0, 1e4, -1e4];
+        let stds = [0.0, 1e-6, 0.3, 1e4, 1e30, f32::INFINITY, f32::NAN, -1.0].map(f64::from);
+        for _ in 0..3000 {
+            let scene: Scene = (0..5)
+                .map(|_| {
+                    let (a, length) = ([pick(&some), pick(&some)], pick(&[0.02, 1.0, 7.0]));
+                    let [dx, dy] = [[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]][pick(&[0.0, 1.0, 2.0]) as usize];
+                    let end = [a[0] + length * dx, a[1] + length * dy];
+                    let is_near = end.iter().all(|x| x.abs() < 1e4);
+                    vec![if is_near { [a, end] } else { [[0.0, 0.0], [1.0, 0.0]] }]
+                })
+                .collect();
+            let plan = plan(&scene);
+            let walls = told(&plan);
+            let point = |x: f64, y: f64| [x as f32, y as f32];
+            let (anchor_m, place_m) = (point(pick(&some), pick(&some)), point(pick(&some), pick(&some)));
+            let std_m = pick(&stds) as f32;
+            let (either, _) = walls.either_order(anchor_m, [1, 2], place_m, std_m);
+            let all = [
+                either,
+                walls.direct(anchor_m, place_m, std_m),
+                walls.reflected(anchor_m, 0, None, place_m, std_m),
+                walls.reflected(anchor_m, 0, Some(1), place_m, std_m),
+                // The same wall twice is no path, but no harm either.
+                walls.reflected(anchor_m, 3, Some(3), place_m, std_m),
+            ];
+            assert!(all.iter().all(|value| (0.0..=1.0).contains(value)), "{scene:?} {anchor_m:?}: {all:?}");
+            assert_eq!(walls.reflected(anchor_m, 0, Some(9), place_m, std_m), 0.0);
+        }
+    }
+}
