@@ -23,7 +23,7 @@ pub struct Map<'a> {
 }
 
 /// A floor plan.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Plan<'a> {
     /// Corners of the outline in order, either way round, metres: the tag is inside. Empty where there is none.
     pub outline_m: &'a [[f32; 2]],
@@ -35,6 +35,8 @@ pub struct Plan<'a> {
     pub turn_std_rad: f32,
     /// Reflections per path that sources are listed for: 0 to 2.
     pub reflections: usize,
+    /// Sources that are listed at most; no more than fit are.
+    pub most_sources: usize,
 }
 
 /// A wall of a plan: how far it may be from where it is told. 0 and 0: it is exactly there.
@@ -94,7 +96,7 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
     /// The first wall, segment or corner that is out of range, or more of them than there is room for.
     #[inline(always)] // built where it stays
     pub fn new(plan: &Plan<'_>) -> Result<Self, Error> {
-        let Plan { outline_m, walls, segments, turn_std_rad, reflections } = *plan;
+        let Plan { outline_m, walls, segments, turn_std_rad, reflections, most_sources: _ } = *plan;
         let given = larger_count(outline_m.len(), larger_count(walls.len(), segments.len()));
         if given > SEGMENTS {
             return Err(Error::PlanSize { given, limit: SEGMENTS });
@@ -249,7 +251,14 @@ mod tests {
         walls: &'a [PlanWall],
         segments: &'a [PlanSegment],
     ) -> Result<FloorPlan<8>, Error> {
-        FloorPlan::new(&Plan { outline_m, walls, segments, turn_std_rad: 0.01, reflections: 2 })
+        FloorPlan::new(&Plan {
+            outline_m,
+            walls,
+            segments,
+            turn_std_rad: 0.01,
+            reflections: 2,
+            most_sources: 24,
+        })
     }
 
     #[test]
@@ -277,7 +286,7 @@ mod tests {
         let far = [[0.0, 0.0], [1e5, 0.0], [1.0, 1.0]];
         assert_eq!(plan(&far, &[EXACT], &ok).unwrap_err(), Error::PlanOutline { index: 1 });
         assert_eq!(plan(&[[0.0; 2]; 9], &[], &[]).unwrap_err(), Error::PlanSize { given: 9, limit: 8 });
-        let turned = Plan { outline_m: &[], walls: &[], segments: &[], turn_std_rad: -0.1, reflections: 2 };
+        let turned = Plan { turn_std_rad: -0.1, ..Plan::default() };
         assert_eq!(FloorPlan::<8>::new(&turned).unwrap_err(), Error::PlanSettings);
     }
 

@@ -43,10 +43,10 @@ pub(super) fn enter_plan<
     config: &Config,
 ) {
     let free_surfaces = (0..SURFACES).filter(|slot| filter.surface(*slot).is_none()).count();
-    let first_free = SOURCES - environment.iter().count();
+    let room = SOURCES.saturating_sub(environment.iter().count()).min(told.most_sources);
     let listed =
         list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, config.ranging.max_range_m, free_surfaces);
-    for Listed { anchor, walls, is_either_order, .. } in listed.into_iter().take(first_free) {
+    for Listed { anchor, walls, is_either_order, .. } in listed.into_iter().take(room) {
         let [first, second] = walls.map(|wall| {
             wall.and_then(|wall| surface_of(filter, environment, plan, usize::from(wall), config.exact_map))
         });
