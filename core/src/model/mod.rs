@@ -7,6 +7,7 @@ pub mod channel;
 pub mod clock;
 pub mod detection;
 pub mod image;
+pub mod listing;
 pub mod measurement;
 pub mod motion;
 pub mod observation;
