@@ -2,35 +2,38 @@
 //!
 //! A path is there where every reflection falls on a segment of its wall and no other wall is in between. Both are soft: the
 //! tag is known to within a deviation s per axis, a wall to within s_w. For a leg from an exact point to the tag that meets a
-//! wall at the share f of its way, h across and g along the wall,
+//! wall at the share f of its way, h across and g along the wall, the meeting's deviation along the wall is
 //!
-//! variance of the meeting along the wall = ((f s)^2 + s_w^2) min(1 + (g / h)^2, 16),
+//! sqrt((f s)^2 + s_w^2) min(sqrt(1 + (g / h)^2), 4),
 //!
-//! f s (1, g / h) being the slopes over the tag's position, and the wall's ends as uncertain as the wall itself. Normal
-//! distributions are taken as logistic ones. A reflection is met on the way from the mirror image, so that both cases are one.
+//! f s (1, g / h) being the slopes over the tag's position, and the wall's ends as uncertain as the wall itself. A reflection is
+//! met on the way from the mirror image, so that both cases are one.
 //!
 //! What the reflections of a path depend on counts by its least probability: in a corner, on which side of one wall a path is
 //! and whether it meets the other are the same question. Walls that are crossed count as independent, by the product.
+//!
+//! Many legs are asked for at every place: roots of sums of squares are formed to within 3 %, and the normal distribution by a
+//! polynomial, to within 0.015.
 
-use super::detection::LOGISTIC;
 use super::plan::{FloorPlan, Segment, Wall};
 use super::surface::Line;
-use crate::real::{abs, exp, larger, limited, smaller, sqrt};
+use crate::real::{abs, larger, limited, smaller};
 use heapless::Vec;
 
 /// Guard: against certainty where a wall is told as exact: its least deviation, metres. Walls are thick.
 pub const LEAST_STD_M: f32 = 0.05;
-/// Mathematics: beyond so many deviations the normal distribution is within 0.0014 of 0 or 1, and counts as that.
-const SURE: f32 = 3.0;
+/// Mathematics: deviations beyond which the normal distribution counts as 0 or 1. The quintic step of this width comes
+/// closest to it.
+const SURE: f32 = 2.5;
 /// Guard: against an anchor behind the wall that it hangs on: within this of a wall it is on neither side, metres.
 const ON_WALL_M: f32 = 0.05;
-/// Guard: against meetings without a place, of legs along a wall: most that the angle multiplies their variance by.
-const MOST_OBLIQUE: f32 = 16.0;
+/// Guard: against meetings without a place, of legs along a wall: most that the angle multiplies their deviation by.
+const MOST_OBLIQUE: f32 = 4.0;
 /// Guard: against division by nothing, of a path along a wall: least way across it, metres.
 const LEAST_ACROSS_M: f32 = 0.01;
 /// Guard: against work for what nobody sees: availability below this is 0.
 const LEAST: f32 = 0.01;
-/// Guard: against overflow: largest deviation of the tag, metres.
+/// Guard: against overflow: largest deviation, metres.
 const MOST_STD_M: f32 = 1e4;
 /// Tuned: a wall is surely crossed above this share, surely not crossed below what is left of 1.
 const CLEAR: f32 = 0.9;
@@ -56,8 +59,14 @@ impl WallNow {
 /// The walls of a plan as they stand now. Walls are named by their index in the plan.
 #[derive(Clone, Debug)]
 pub struct Walls<'a, const SEGMENTS: usize> {
-    walls: Vec<WallNow, SEGMENTS>,
-    segments: &'a Vec<Segment, SEGMENTS>,
+    walls: Vec<Standing<'a>, SEGMENTS>,
+}
+
+/// A wall as it stands, with its segments.
+#[derive(Clone, Debug)]
+struct Standing<'a> {
+    now: WallNow,
+    segments: &'a [Segment],
 }
 
 /// The walls that a direct path crosses.
@@ -72,43 +81,33 @@ pub enum Crossing {
     Unclear,
 }
 
-/// Where a path meets a wall.
-struct Meeting {
-    /// Where, along the wall's tangent from its centre, metres.
-    place_m: f32,
-    /// Variance of that, square metres.
-    variance_m2: f32,
-    /// Share of the way, 0 to 1.
-    share: f32,
+/// An end of a leg.
+#[derive(Clone, Copy)]
+struct End {
+    at_m: [f32; 2],
+    /// Deviation of that per axis, metres.
+    std_m: f32,
+    is_anchor: bool,
+}
+
+impl End {
+    const fn anchor(at_m: [f32; 2]) -> Self {
+        Self { at_m, std_m: 0.0, is_anchor: true }
+    }
+
+    fn tag(at_m: [f32; 2], std_m: f32) -> Self {
+        Self { at_m, std_m: limited(std_m, 0.0, MOST_STD_M), is_anchor: false }
+    }
 }
 
 /// A reflection.
 struct Bounce {
     /// Probability that start and end of the path are on the same side.
     same_side: f32,
-    meeting: Meeting,
+    /// Probability that it is on a segment of the wall.
+    within: f32,
     /// Where it is.
     end: End,
-}
-
-/// An end of a leg.
-#[derive(Clone, Copy)]
-struct End {
-    at_m: [f32; 2],
-    /// Variance of that per axis, square metres.
-    variance_m2: f32,
-    is_anchor: bool,
-}
-
-impl End {
-    const fn anchor(at_m: [f32; 2]) -> Self {
-        Self { at_m, variance_m2: 0.0, is_anchor: true }
-    }
-
-    fn tag(at_m: [f32; 2], std_m: f32) -> Self {
-        let std_m = limited(std_m, 0.0, MOST_STD_M);
-        Self { at_m, variance_m2: std_m * std_m, is_anchor: false }
-    }
 }
 
 impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
@@ -119,16 +118,17 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         for (index, wall) in plan.walls().iter().enumerate() {
             let WallNow { line, std_m, through } = now(index, wall);
             let (std_m, through) = (limited(std_m, LEAST_STD_M, MOST_STD_M), limited(through, 0.0, 1.0));
+            let now = WallNow { line, std_m, through };
             // As many as in the plan: the pushes succeed.
-            let _ = walls.push(WallNow { line, std_m, through });
+            let _ = walls.push(Standing { now, segments: plan.segments_of(wall) });
         }
-        Self { walls, segments: plan.segments() }
+        Self { walls }
     }
 
     /// Availability (0 to 1) of the direct path to a place known within `std_m` per axis: the product over all walls of what
     /// each lets through.
     pub fn direct(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> f32 {
-        self.leg(&[End::anchor(anchor_m), End::tag(place_m, std_m)], [None; 2])
+        self.leg(&[End::anchor(anchor_m), End::tag(place_m, std_m)], [usize::MAX; 2])
     }
 
     /// Availability (0 to 1) of the path reflected by wall `first` and then, where there is one, by wall `second`; 0 below 0.01,
@@ -146,24 +146,25 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
             return 0.0;
         };
         let last_wall = second.unwrap_or(first);
-        let mut available = smaller(last.same_side, self.within(last_wall, &last.meeting));
-        if available < LEAST {
-            return 0.0;
-        }
-        let mut outer = last.end;
-        if let Some(bounce) = before {
-            available = smaller(available, smaller(bounce.same_side, self.within(first, &bounce.meeting)));
-            if available < LEAST {
-                return 0.0;
+        let mut available = smaller(last.same_side, last.within);
+        let outer = match &before {
+            None => &last,
+            Some(before) => {
+                available = smaller(available, smaller(before.same_side, before.within));
+                before
             }
-            available *= self.leg(&[bounce.end, outer], [Some(first), second]);
-            outer = bounce.end;
-        }
-        available *= self.leg(&[last.end, tag], [Some(last_wall), None]);
+        };
         if available < LEAST {
             return 0.0;
         }
-        available *= self.leg(&[End::anchor(anchor_m), outer], [Some(first), None]);
+        available *= self.leg(&[last.end, tag], [last_wall; 2]);
+        if available < LEAST {
+            return 0.0;
+        }
+        if before.is_some() {
+            available *= self.leg(&[outer.end, last.end], [first, last_wall]);
+        }
+        available *= self.leg(&[End::anchor(anchor_m), outer.end], [first; 2]);
         if available < LEAST { 0.0 } else { available }
     }
 
@@ -184,7 +185,7 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         }
         let in_order =
             |first, second| match self.bounces(anchor_m, first, Some(second), &End::tag(place_m, std_m)) {
-                Some((last, Some(before))) => last.same_side * before.same_side,
+                Some((last, Some(before))) => smaller(last.same_side, before.same_side),
                 _ => 0.0,
             };
         (0.0, in_order(second, first) > in_order(first, second))
@@ -195,7 +196,7 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         let ends = [End::anchor(anchor_m), End::tag(place_m, std_m)];
         let mut crossing = Crossing::None;
         for (index, wall) in self.walls.iter().enumerate() {
-            let crossed = self.crossed(index, wall, &ends);
+            let crossed = if wall.is_passed(&ends) { 0.0 } else { wall.crossed(&ends) };
             if crossed > CLEAR && crossing == Crossing::None {
                 crossing = Crossing::One(index);
             } else if crossed > 1.0 - CLEAR {
@@ -205,40 +206,16 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         crossing
     }
 
-    /// Share that walls other than those that reflect at its ends let through to a leg.
-    fn leg(&self, ends: &[End; 2], reflecting: [Option<usize>; 2]) -> f32 {
+    /// Share that walls other than those two, which reflect at its ends, let through to a leg.
+    fn leg(&self, ends: &[End; 2], [one, other]: [usize; 2]) -> f32 {
         let mut through = 1.0;
         for (index, wall) in self.walls.iter().enumerate() {
-            if reflecting.contains(&Some(index)) {
+            if wall.is_passed(ends) || index == one || index == other {
                 continue;
             }
-            through *= 1.0 - self.crossed(index, wall, ends) * (1.0 - wall.through);
+            through *= 1.0 - wall.crossed(ends) * (1.0 - wall.now.through);
         }
         through
-    }
-
-    /// Probability that a leg crosses a wall.
-    fn crossed(&self, index: usize, wall: &WallNow, [from, to]: &[End; 2]) -> f32 {
-        let (before, behind) = (wall.line.distance_m(from.at_m), wall.line.distance_m(to.at_m));
-        let (near_m, beyond_m) = if before < 0.0 { (-before, behind) } else { (before, -behind) };
-        let wall_m2 = wall.std_m * wall.std_m;
-        let beyond_m2 = to.variance_m2 + wall_m2;
-        let near_m2 = from.variance_m2 + wall_m2;
-        if beyond_m < 0.0 && is_sure(beyond_m, beyond_m2) && (from.is_anchor || is_sure(near_m, near_m2)) {
-            return 0.0;
-        }
-        let beyond = probability(beyond_m, beyond_m2);
-        let sides = if from.is_anchor {
-            limited((near_m - ON_WALL_M) / wall.std_m, 0.0, 1.0) * beyond
-        } else {
-            let near = probability(near_m, near_m2);
-            near * beyond + (1.0 - near) * (1.0 - beyond)
-        };
-        if !(sides > 0.0) {
-            return 0.0;
-        }
-        let meeting = meeting(wall, near_m, beyond_m, [from.at_m, to.at_m], to.variance_m2);
-        sides * self.within(index, &meeting)
     }
 
     /// The last reflection of a path and, of two, the one before; `None` where the ends are surely on different sides.
@@ -251,96 +228,114 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
     ) -> Option<(Bounce, Option<Bounce>)> {
         let wall = self.walls.get(first)?;
         let Some(second) = second else {
-            return Some((bounce(wall, anchor_m, tag)?, None));
+            return Some((wall.bounce(anchor_m, tag)?, None));
         };
-        let last = bounce(self.walls.get(second)?, wall.line.mirrored_m(anchor_m), tag)?;
-        let before = bounce(wall, anchor_m, &last.end)?;
+        let last = self.walls.get(second)?.bounce(wall.now.line.mirrored_m(anchor_m), tag)?;
+        let before = wall.bounce(anchor_m, &last.end)?;
         Some((last, Some(before)))
     }
+}
 
-    /// Probability that a meeting is on a segment of its wall.
-    fn within(&self, index: usize, meeting: &Meeting) -> f32 {
-        let mut within = 0.0;
-        for Segment { wall, extent_m: [begin_m, end_m] } in self.segments {
-            if usize::from(*wall) == index {
-                // The difference of two distribution functions: segments that join leave no gap.
-                let after = probability(meeting.place_m - begin_m, meeting.variance_m2);
-                let before = probability(end_m - meeting.place_m, meeting.variance_m2);
-                within += after + before - 1.0;
-            }
+impl Standing<'_> {
+    /// Whether both ends of a leg are surely on one side.
+    #[inline(always)] // all walls are asked for every leg, and most of them answer yes
+    fn is_passed(&self, [from, to]: &[End; 2]) -> bool {
+        let WallNow { line, std_m, .. } = &self.now;
+        let (before, behind) = (line.distance_m(from.at_m), line.distance_m(to.at_m));
+        before * behind > 0.0
+            && abs(behind) > SURE * (to.std_m + std_m)
+            && (from.is_anchor || abs(before) > SURE * (from.std_m + std_m))
+    }
+
+    /// Probability that a leg crosses the wall.
+    fn crossed(&self, [from, to]: &[End; 2]) -> f32 {
+        let WallNow { line, std_m, .. } = &self.now;
+        let (before, behind) = (line.distance_m(from.at_m), line.distance_m(to.at_m));
+        let (near_m, beyond_m) = if before < 0.0 { (-before, behind) } else { (before, -behind) };
+        let beyond = probability(beyond_m, root(to.std_m, *std_m));
+        let sides = if from.is_anchor {
+            limited((near_m - ON_WALL_M) / std_m, 0.0, 1.0) * beyond
+        } else {
+            let near = probability(near_m, root(from.std_m, *std_m));
+            near * beyond + (1.0 - near) * (1.0 - beyond)
+        };
+        if !(sides > 0.0) {
+            return 0.0;
         }
-        limited(within, 0.0, 1.0)
+        let (_, _, within) = self.meeting(near_m, beyond_m, from.at_m, to);
+        sides * within
+    }
+
+    /// The reflection by the wall of a path from an image's or anchor's position; `None` where its ends are surely on
+    /// different sides.
+    fn bounce(&self, from_m: [f32; 2], to: &End) -> Option<Bounce> {
+        let line = &self.now.line;
+        let (before, behind) = (line.distance_m(from_m), line.distance_m(to.at_m));
+        let near_m = abs(before);
+        // What hangs on the wall is on the side of who looks at it.
+        let far_m = if near_m <= ON_WALL_M {
+            abs(behind)
+        } else if before < 0.0 {
+            -behind
+        } else {
+            behind
+        };
+        let same_side = probability(far_m, root(to.std_m, self.now.std_m));
+        if same_side < LEAST {
+            return None;
+        }
+        let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to);
+        let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
+        let at_m = [cx + place_m * tx, cy + place_m * ty];
+        Some(Bounce { same_side, within, end: End { at_m, std_m: share * to.std_m, is_anchor: false } })
+    }
+
+    /// Where a path from `near_m` before the wall to `far_m` behind it meets it, one that does not reach it at its nearer
+    /// end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
+    fn meeting(&self, near_m: f32, far_m: f32, from_m: [f32; 2], to: &End) -> (f32, f32, f32) {
+        let line = &self.now.line;
+        let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
+        let share = if far_m >= 0.0 {
+            near_m / across_m
+        } else if near_m + far_m < 0.0 {
+            0.0
+        } else {
+            1.0
+        };
+        let begin_m = line.place_m(from_m);
+        let along_m = line.place_m(to.at_m) - begin_m;
+        let place_m = begin_m + share * along_m;
+        let oblique = smaller(root(1.0, abs(along_m) / across_m), MOST_OBLIQUE);
+        let std_m = root(share * to.std_m, self.now.std_m) * oblique;
+        let mut within = 0.0;
+        for Segment { extent_m: [begin_m, end_m], .. } in self.segments {
+            // The difference of two distribution functions: segments that join leave no gap.
+            within += probability(place_m - begin_m, std_m) + probability(end_m - place_m, std_m) - 1.0;
+        }
+        (share, place_m, limited(within, 0.0, 1.0))
     }
 }
 
-/// The reflection by a wall of a path from an image's or anchor's position; `None` where its ends are surely on different sides.
-fn bounce(wall: &WallNow, from_m: [f32; 2], end: &End) -> Option<Bounce> {
-    let End { at_m: to_m, variance_m2, .. } = *end;
-    let (from, to) = (wall.line.distance_m(from_m), wall.line.distance_m(to_m));
-    let near_m = larger(from, -from);
-    // What hangs on the wall is on the side of who looks at it.
-    let far_m = if near_m <= ON_WALL_M {
-        larger(to, -to)
-    } else if from < 0.0 {
-        -to
-    } else {
-        to
-    };
-    let side_m2 = variance_m2 + wall.std_m * wall.std_m;
-    if is_sure(far_m, side_m2) && far_m < 0.0 {
-        return None;
-    }
-    let meeting = meeting(wall, near_m, far_m, [from_m, to_m], variance_m2);
-    let ([cx, cy], [tx, ty]) = (wall.line.centre_m, wall.line.tangent());
-    Some(Bounce {
-        same_side: probability(far_m, side_m2),
-        end: End {
-            at_m: [cx + meeting.place_m * tx, cy + meeting.place_m * ty],
-            variance_m2: meeting.share * meeting.share * variance_m2,
-            is_anchor: false,
-        },
-        meeting,
-    })
+/// The root of a^2 + b^2 (neither below 0), to within 3 %.
+fn root(a: f32, b: f32) -> f32 {
+    let (more, less) = if a > b { (a, b) } else { (b, a) };
+    larger(more, 0.875 * more + 0.5 * less)
 }
 
-/// Where a path from `near_m` before the wall to `far_m` behind it meets it; one that does not reach it, at its nearer end.
-fn meeting(
-    wall: &WallNow,
-    near_m: f32,
-    far_m: f32,
-    [from_m, to_m]: [[f32; 2]; 2],
-    variance_m2: f32,
-) -> Meeting {
-    let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
-    let share = if far_m >= 0.0 {
-        near_m / across_m
-    } else if near_m + far_m < 0.0 {
-        0.0
-    } else {
+/// Probability that a number of this mean and deviation (above 0) is positive: the quintic step, whose slope is the square of
+/// 1 - u^2.
+#[inline(always)] // most are sure
+fn probability(mean: f32, std: f32) -> f32 {
+    let reach = SURE * std;
+    if mean >= reach {
         1.0
-    };
-    let begin_m = wall.line.place_m(from_m);
-    let along_m = wall.line.place_m(to_m) - begin_m;
-    let slope = along_m / across_m;
-    let oblique = smaller(1.0 + slope * slope, MOST_OBLIQUE);
-    Meeting {
-        place_m: begin_m + share * along_m,
-        variance_m2: (share * share * variance_m2 + wall.std_m * wall.std_m) * oblique,
-        share,
+    } else if mean > -reach {
+        let u = mean / reach;
+        let u2 = u * u;
+        0.5 + u * (0.9375 + u2 * (0.1875 * u2 - 0.625))
+    } else {
+        0.0
     }
-}
-
-/// Whether it is sure on which side of 0 a number of this mean and variance is.
-fn is_sure(mean: f32, variance: f32) -> bool {
-    mean * mean > SURE * SURE * variance
-}
-
-/// Probability that a number of this mean and variance (above 0) is positive.
-fn probability(mean: f32, variance: f32) -> f32 {
-    if is_sure(mean, variance) {
-        return if mean > 0.0 { 1.0 } else { 0.0 };
-    }
-    1.0 / (1.0 + exp(-LOGISTIC * (mean / sqrt(variance))))
 }
 
 #[cfg(test)]
@@ -502,6 +497,20 @@ mod tests {
             [] => walls.direct(anchor_m, place_m, std_m),
             [first, rest @ ..] => walls.reflected(anchor_m, *first, rest.first().copied(), place_m, std_m),
         })
+    }
+
+    #[test]
+    fn roots_and_the_normal_distribution_are_near_enough() {
+        let (step, mut phi) = (1e-3_f64, 0.5);
+        for n in 0..4000 {
+            let z = f64::from(n) * step;
+            let ours = f64::from(probability((3.0 * z) as f32, 3.0));
+            assert!((ours - phi).abs() < 0.015, "{z}: {ours} {phi}");
+            assert!((ours + f64::from(probability((-3.0 * z) as f32, 3.0)) - 1.0).abs() < 1e-6);
+            phi += step * (-0.5 * (z + 0.5 * step).powi(2)).exp() / (2.0 * core::f64::consts::PI).sqrt();
+            let ratio = f64::from(root(2.0, 2.0 * z as f32)) / (2.0 * 1.0_f64.hypot(z));
+            assert!((ratio - 1.0).abs() < 0.03, "{z}: {ratio}");
+        }
     }
 
     #[test]
