@@ -81,23 +81,23 @@ pub enum Crossing {
     Unclear,
 }
 
+/// The paths from an anchor to a place, by which walls whatever they are reflected.
+#[derive(Clone, Debug)]
+pub struct Paths<'a, const SEGMENTS: usize> {
+    walls: &'a Walls<'a, SEGMENTS>,
+    anchor: End,
+    tag: End,
+}
+
 /// An end of a leg.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct End {
     at_m: [f32; 2],
     /// Deviation of that per axis, metres.
     std_m: f32,
     is_anchor: bool,
-}
-
-impl End {
-    const fn anchor(at_m: [f32; 2]) -> Self {
-        Self { at_m, std_m: 0.0, is_anchor: true }
-    }
-
-    fn tag(at_m: [f32; 2], std_m: f32) -> Self {
-        Self { at_m, std_m: limited(std_m, 0.0, MOST_STD_M), is_anchor: false }
-    }
+    /// Walls that it is surely before, and behind, as bits of the first 32.
+    sides: [u32; 2],
 }
 
 /// A reflection.
@@ -106,8 +106,10 @@ struct Bounce {
     same_side: f32,
     /// Probability that it is on a segment of the wall.
     within: f32,
-    /// Where it is.
-    end: End,
+    /// Where it is, metres.
+    at_m: [f32; 2],
+    /// Deviation of that, metres.
+    std_m: f32,
 }
 
 impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
@@ -125,78 +127,107 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         Self { walls }
     }
 
-    /// Availability (0 to 1) of the direct path to a place known within `std_m` per axis: the product over all walls of what
-    /// each lets through.
-    pub fn direct(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> f32 {
-        self.leg(&[End::anchor(anchor_m), End::tag(place_m, std_m)], [usize::MAX; 2])
+    /// The paths from an anchor to a place known within `std_m` per axis.
+    pub fn paths(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> Paths<'_, SEGMENTS> {
+        let std_m = limited(std_m, 0.0, MOST_STD_M);
+        Paths { walls: self, anchor: self.end(anchor_m, 0.0, true), tag: self.end(place_m, std_m, false) }
+    }
+
+    /// An end of a leg, with the walls that it is surely on one side of. An anchor is sure not to be behind any of those
+    /// that it hangs on: it is on both sides of them.
+    fn end(&self, at_m: [f32; 2], std_m: f32, is_anchor: bool) -> End {
+        let mut sides = [0, 0];
+        let mut bit = 1;
+        for Standing { now, .. } in &self.walls {
+            let away_m = now.line.distance_m(at_m);
+            let reach_m = if is_anchor { -ON_WALL_M } else { SURE * (std_m + now.std_m) };
+            let [before, behind] = &mut sides;
+            if away_m > reach_m {
+                *before |= bit;
+            }
+            if away_m < -reach_m {
+                *behind |= bit;
+            }
+            // None is left after 32.
+            bit <<= 1;
+        }
+        End { at_m, std_m, is_anchor, sides }
+    }
+
+    /// Share that walls other than those two, which reflect at its ends, let through to a leg.
+    fn leg(&self, from: &End, to: &End, [one, other]: [usize; 2]) -> f32 {
+        let ([a, b], [c, d]) = (from.sides, to.sides);
+        let mut passed = (a & c) | (b & d);
+        let mut through = 1.0;
+        for (index, wall) in self.walls.iter().enumerate() {
+            if passed & 1 == 0 && index != one && index != other {
+                through *= 1.0 - wall.crossed(from, to) * (1.0 - wall.now.through);
+            }
+            passed >>= 1;
+        }
+        through
+    }
+}
+
+impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
+    /// Availability (0 to 1) of the direct path: the product over all walls of what each lets through.
+    pub fn direct(&self) -> f32 {
+        self.walls.leg(&self.anchor, &self.tag, [usize::MAX; 2])
     }
 
     /// Availability (0 to 1) of the path reflected by wall `first` and then, where there is one, by wall `second`; 0 below 0.01,
     /// and where there is no such wall.
-    pub fn reflected(
-        &self,
-        anchor_m: [f32; 2],
-        first: usize,
-        second: Option<usize>,
-        place_m: [f32; 2],
-        std_m: f32,
-    ) -> f32 {
-        let tag = End::tag(place_m, std_m);
-        let Some((last, before)) = self.bounces(anchor_m, first, second, &tag) else {
+    pub fn reflected(&self, first: usize, second: Option<usize>) -> f32 {
+        let Some((last, before)) = self.bounces(first, second) else {
             return 0.0;
         };
         let last_wall = second.unwrap_or(first);
         let mut available = smaller(last.same_side, last.within);
-        let outer = match &before {
-            None => &last,
+        if let Some(before) = &before {
+            available = smaller(available, smaller(before.same_side, before.within));
+        }
+        if available < LEAST {
+            return 0.0;
+        }
+        let walls = self.walls;
+        let end = walls.end(last.at_m, last.std_m, false);
+        available *= walls.leg(&end, &self.tag, [last_wall; 2]);
+        if available < LEAST {
+            return 0.0;
+        }
+        let outer = match before {
+            None => end,
             Some(before) => {
-                available = smaller(available, smaller(before.same_side, before.within));
-                before
+                let outer = walls.end(before.at_m, before.std_m, false);
+                available *= walls.leg(&outer, &end, [first, last_wall]);
+                outer
             }
         };
-        if available < LEAST {
-            return 0.0;
-        }
-        available *= self.leg(&[last.end, tag], [last_wall; 2]);
-        if available < LEAST {
-            return 0.0;
-        }
-        if before.is_some() {
-            available *= self.leg(&[outer.end, last.end], [first, last_wall]);
-        }
-        available *= self.leg(&[End::anchor(anchor_m), outer.end], [first; 2]);
+        available *= walls.leg(&self.anchor, &outer, [first; 2]);
         if available < LEAST { 0.0 } else { available }
     }
 
     /// Availability (0 to 1) of an image that two walls make in either order, and whether it is the reversed order,
     /// `second` first, that counts: the one that is available rather; where none is, the one that the path would take if
     /// walls had no ends.
-    pub fn either_order(
-        &self,
-        anchor_m: [f32; 2],
-        [first, second]: [usize; 2],
-        place_m: [f32; 2],
-        std_m: f32,
-    ) -> (f32, bool) {
-        let told = self.reflected(anchor_m, first, Some(second), place_m, std_m);
-        let reversed = self.reflected(anchor_m, second, Some(first), place_m, std_m);
+    pub fn either_order(&self, [first, second]: [usize; 2]) -> (f32, bool) {
+        let told = self.reflected(first, Some(second));
+        let reversed = self.reflected(second, Some(first));
         if told > 0.0 || reversed > 0.0 {
             return (smaller(told + reversed, 1.0), reversed > told);
         }
-        let in_order =
-            |first, second| match self.bounces(anchor_m, first, Some(second), &End::tag(place_m, std_m)) {
-                Some((last, Some(before))) => smaller(last.same_side, before.same_side),
-                _ => 0.0,
-            };
+        let in_order = |first, second| match self.bounces(first, Some(second)) {
+            Some((last, Some(before))) => smaller(last.same_side, before.same_side),
+            _ => 0.0,
+        };
         (0.0, in_order(second, first) > in_order(first, second))
     }
 
-    /// The walls that the direct path to a place known within `std_m` per axis crosses.
-    pub fn crossing(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> Crossing {
-        let ends = [End::anchor(anchor_m), End::tag(place_m, std_m)];
+    /// The walls that the direct path crosses.
+    pub fn crossing(&self) -> Crossing {
         let mut crossing = Crossing::None;
-        for (index, wall) in self.walls.iter().enumerate() {
-            let crossed = if wall.is_passed(&ends) { 0.0 } else { wall.crossed(&ends) };
+        for (index, wall) in self.walls.walls.iter().enumerate() {
+            let crossed = wall.crossed(&self.anchor, &self.tag);
             if crossed > CLEAR && crossing == Crossing::None {
                 crossing = Crossing::One(index);
             } else if crossed > 1.0 - CLEAR {
@@ -206,49 +237,23 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         crossing
     }
 
-    /// Share that walls other than those two, which reflect at its ends, let through to a leg.
-    fn leg(&self, ends: &[End; 2], [one, other]: [usize; 2]) -> f32 {
-        let mut through = 1.0;
-        for (index, wall) in self.walls.iter().enumerate() {
-            if wall.is_passed(ends) || index == one || index == other {
-                continue;
-            }
-            through *= 1.0 - wall.crossed(ends) * (1.0 - wall.now.through);
-        }
-        through
-    }
-
     /// The last reflection of a path and, of two, the one before; `None` where the ends are surely on different sides.
-    fn bounces(
-        &self,
-        anchor_m: [f32; 2],
-        first: usize,
-        second: Option<usize>,
-        tag: &End,
-    ) -> Option<(Bounce, Option<Bounce>)> {
-        let wall = self.walls.get(first)?;
+    fn bounces(&self, first: usize, second: Option<usize>) -> Option<(Bounce, Option<Bounce>)> {
+        let (anchor_m, End { at_m, std_m, .. }) = (self.anchor.at_m, self.tag);
+        let wall = self.walls.walls.get(first)?;
         let Some(second) = second else {
-            return Some((wall.bounce(anchor_m, tag)?, None));
+            return Some((wall.bounce(anchor_m, at_m, std_m)?, None));
         };
-        let last = self.walls.get(second)?.bounce(wall.now.line.mirrored_m(anchor_m), tag)?;
-        let before = wall.bounce(anchor_m, &last.end)?;
+        let image_m = wall.now.line.mirrored_m(anchor_m);
+        let last = self.walls.walls.get(second)?.bounce(image_m, at_m, std_m)?;
+        let before = wall.bounce(anchor_m, last.at_m, last.std_m)?;
         Some((last, Some(before)))
     }
 }
 
 impl Standing<'_> {
-    /// Whether both ends of a leg are surely on one side.
-    #[inline(always)] // all walls are asked for every leg, and most of them answer yes
-    fn is_passed(&self, [from, to]: &[End; 2]) -> bool {
-        let WallNow { line, std_m, .. } = &self.now;
-        let (before, behind) = (line.distance_m(from.at_m), line.distance_m(to.at_m));
-        before * behind > 0.0
-            && abs(behind) > SURE * (to.std_m + std_m)
-            && (from.is_anchor || abs(before) > SURE * (from.std_m + std_m))
-    }
-
     /// Probability that a leg crosses the wall.
-    fn crossed(&self, [from, to]: &[End; 2]) -> f32 {
+    fn crossed(&self, from: &End, to: &End) -> f32 {
         let WallNow { line, std_m, .. } = &self.now;
         let (before, behind) = (line.distance_m(from.at_m), line.distance_m(to.at_m));
         let (near_m, beyond_m) = if before < 0.0 { (-before, behind) } else { (before, -behind) };
@@ -262,15 +267,15 @@ impl Standing<'_> {
         if !(sides > 0.0) {
             return 0.0;
         }
-        let (_, _, within) = self.meeting(near_m, beyond_m, from.at_m, to);
+        let (_, _, within) = self.meeting(near_m, beyond_m, from.at_m, to.at_m, to.std_m);
         sides * within
     }
 
     /// The reflection by the wall of a path from an image's or anchor's position; `None` where its ends are surely on
     /// different sides.
-    fn bounce(&self, from_m: [f32; 2], to: &End) -> Option<Bounce> {
+    fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Option<Bounce> {
         let line = &self.now.line;
-        let (before, behind) = (line.distance_m(from_m), line.distance_m(to.at_m));
+        let (before, behind) = (line.distance_m(from_m), line.distance_m(to_m));
         let near_m = abs(before);
         // What hangs on the wall is on the side of who looks at it.
         let far_m = if near_m <= ON_WALL_M {
@@ -280,19 +285,26 @@ impl Standing<'_> {
         } else {
             behind
         };
-        let same_side = probability(far_m, root(to.std_m, self.now.std_m));
+        let same_side = probability(far_m, root(to_std_m, self.now.std_m));
         if same_side < LEAST {
             return None;
         }
-        let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to);
+        let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to_m, to_std_m);
         let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
         let at_m = [cx + place_m * tx, cy + place_m * ty];
-        Some(Bounce { same_side, within, end: End { at_m, std_m: share * to.std_m, is_anchor: false } })
+        Some(Bounce { same_side, within, at_m, std_m: share * to_std_m })
     }
 
     /// Where a path from `near_m` before the wall to `far_m` behind it meets it, one that does not reach it at its nearer
     /// end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
-    fn meeting(&self, near_m: f32, far_m: f32, from_m: [f32; 2], to: &End) -> (f32, f32, f32) {
+    fn meeting(
+        &self,
+        near_m: f32,
+        far_m: f32,
+        from_m: [f32; 2],
+        to_m: [f32; 2],
+        to_std_m: f32,
+    ) -> (f32, f32, f32) {
         let line = &self.now.line;
         let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
         let share = if far_m >= 0.0 {
@@ -303,10 +315,10 @@ impl Standing<'_> {
             1.0
         };
         let begin_m = line.place_m(from_m);
-        let along_m = line.place_m(to.at_m) - begin_m;
+        let along_m = line.place_m(to_m) - begin_m;
         let place_m = begin_m + share * along_m;
         let oblique = smaller(root(1.0, abs(along_m) / across_m), MOST_OBLIQUE);
-        let std_m = root(share * to.std_m, self.now.std_m) * oblique;
+        let std_m = root(share * to_std_m, self.now.std_m) * oblique;
         let mut within = 0.0;
         for Segment { extent_m: [begin_m, end_m], .. } in self.segments {
             // The difference of two distribution functions: segments that join leave no gap.
@@ -494,8 +506,10 @@ mod tests {
     fn ours(walls: &Walls<'_, 16>, anchor: [f64; 2], sequence: &[usize], place: [f64; 2], std_m: f32) -> f64 {
         let [anchor_m, place_m] = [anchor, place].map(|point| point.map(|x| x as f32));
         f64::from(match sequence {
-            [] => walls.direct(anchor_m, place_m, std_m),
-            [first, rest @ ..] => walls.reflected(anchor_m, *first, rest.first().copied(), place_m, std_m),
+            [] => walls.paths(anchor_m, place_m, std_m).direct(),
+            [first, rest @ ..] => {
+                walls.paths(anchor_m, place_m, std_m).reflected(*first, rest.first().copied())
+            }
         })
     }
 
@@ -594,12 +608,12 @@ mod tests {
         let walls = told(&plan);
         for off_m in [-0.05, -0.01, 0.0, 0.03, 0.05] {
             let (anchor_m, place_m) = ([2.0, off_m], [3.0, 3.5]);
-            assert_eq!(walls.direct(anchor_m, place_m, 0.05), 1.0, "{off_m}");
-            assert_eq!(walls.reflected(anchor_m, 2, None, place_m, 0.05), 1.0, "{off_m}");
-            assert_eq!(walls.reflected(anchor_m, 0, None, place_m, 0.05), 1.0, "{off_m}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.05).direct(), 1.0, "{off_m}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.05).reflected(2, None), 1.0, "{off_m}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.05).reflected(0, None), 1.0, "{off_m}");
         }
         // Well outside it is.
-        assert!((walls.direct([2.0, -0.5], [3.0, 3.5], 0.05) - THROUGH).abs() < 1e-6);
+        assert!((walls.paths([2.0, -0.5], [3.0, 3.5], 0.05).direct() - THROUGH).abs() < 1e-6);
     }
 
     #[test]
@@ -614,7 +628,7 @@ mod tests {
             ([8.0, 1.5], Crossing::Unclear),
             ([9.0, 4.5], Crossing::Unclear),
         ] {
-            assert_eq!(walls.crossing(anchor_m, place_m, 0.1), expected, "{place_m:?}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.1).crossing(), expected, "{place_m:?}");
         }
     }
 
@@ -623,14 +637,14 @@ mod tests {
         let plan = plan(&room());
         let walls = told(&plan);
         let anchor_m = [2.0, 2.0];
-        let at = |x, y| walls.either_order(anchor_m, [0, 3], [x, y], 0.1);
+        let at = |x, y| walls.paths(anchor_m, [x, y], 0.1).either_order([0, 3]);
         // The ray comes from (-2, -2): to the right of the diagonal it crosses the left wall first.
         assert_eq!(at(4.0, 1.0), (1.0, true));
         assert_eq!(at(1.0, 4.0), (1.0, false));
         let (middle, _) = at(3.0, 3.0);
         assert!(middle > 0.6, "{middle}");
         // From here the ray to the image (3.5, 7) passes below the end of wall 4, then crosses the line of wall 2.
-        let unseen = |walls_met| walls.either_order([6.5, 5.0], walls_met, [5.5, 0.5], 0.1);
+        let unseen = |walls_met| walls.paths([6.5, 5.0], [5.5, 0.5], 0.1).either_order(walls_met);
         assert_eq!((unseen([4, 2]), unseen([2, 4])), ((0.0, true), (0.0, false)));
     }
 
@@ -655,17 +669,17 @@ mod tests {
             let point = |x: f64, y: f64| [x as f32, y as f32];
             let (anchor_m, place_m) = (point(pick(&some), pick(&some)), point(pick(&some), pick(&some)));
             let std_m = pick(&stds) as f32;
-            let (either, _) = walls.either_order(anchor_m, [1, 2], place_m, std_m);
+            let (either, _) = walls.paths(anchor_m, place_m, std_m).either_order([1, 2]);
             let all = [
                 either,
-                walls.direct(anchor_m, place_m, std_m),
-                walls.reflected(anchor_m, 0, None, place_m, std_m),
-                walls.reflected(anchor_m, 0, Some(1), place_m, std_m),
+                walls.paths(anchor_m, place_m, std_m).direct(),
+                walls.paths(anchor_m, place_m, std_m).reflected(0, None),
+                walls.paths(anchor_m, place_m, std_m).reflected(0, Some(1)),
                 // The same wall twice is no path, but no harm either.
-                walls.reflected(anchor_m, 3, Some(3), place_m, std_m),
+                walls.paths(anchor_m, place_m, std_m).reflected(3, Some(3)),
             ];
             assert!(all.iter().all(|value| (0.0..=1.0).contains(value)), "{scene:?} {anchor_m:?}: {all:?}");
-            assert_eq!(walls.reflected(anchor_m, 0, Some(9), place_m, std_m), 0.0);
+            assert_eq!(walls.paths(anchor_m, place_m, std_m).reflected(0, Some(9)), 0.0);
         }
     }
 }

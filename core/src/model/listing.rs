@@ -164,9 +164,9 @@ impl<const SEGMENTS: usize> View<'_, SEGMENTS> {
             let available = match second {
                 _ if !(distance2_m2(image_m, **place_m) <= self.max_range_m * self.max_range_m) => 0.0,
                 Some(second) if is_either_order => {
-                    self.walls.either_order(anchor_m, [first, second], **place_m, PLACE_STD_M).0
+                    self.walls.paths(anchor_m, **place_m, PLACE_STD_M).either_order([first, second]).0
                 }
-                _ => self.walls.reflected(anchor_m, first, second, **place_m, PLACE_STD_M),
+                _ => self.walls.paths(anchor_m, **place_m, PLACE_STD_M).reflected(first, second),
             };
             available > SEEN
         };
