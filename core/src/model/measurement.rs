@@ -1,6 +1,6 @@
 //! Measurements of one anchor, and what they may be if they belong to nothing known.
 
-use crate::real::sqrt;
+use crate::real::{TAU, exp, larger, sqrt};
 
 /// What a range is worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,12 +34,63 @@ pub struct Measurement {
     pub range_m: f32,
     /// Variance, square metres.
     pub variance_m2: f32,
+    /// Variance that a share [`TAIL_SHARE`] of measurements has on top, square metres; 0 where there are no such.
+    pub tail_m2: f32,
     /// Component SINR where the measurement is an estimated path; 0 where nothing is known of it.
     pub sinr: f32,
     /// Energy of the path, in squared units of the samples or in the frame's white noise; 0 where nothing is known of it.
     pub energy: f32,
     /// Density of false alarms of its strength over that of all false alarms, 0 to 1; 1 where nothing is known of it.
     pub false_alarm: f32,
+}
+
+/// Tuned: share of estimated paths that another one, which nobody knows of, pulls along.
+pub const TAIL_SHARE: f32 = 0.25;
+/// Tuned: standard deviation of how far it does, pulse lengths.
+pub const TAIL_PULSES: f32 = 0.2;
+
+/// How probable an innovation is, and what it weighs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Likelihood {
+    /// Density, per metre.
+    pub per_m: f32,
+    /// Mean of the inverse of the innovation's variance, 1/m^2.
+    pub precision: f32,
+    /// Mean of its square, 1/m^4.
+    pub squared_precision: f32,
+}
+
+impl Measurement {
+    /// Likelihood of this measurement where `innovation_m` of it is not what was expected with variance `expected_m2`: a
+    /// mixture of two normal distributions; `None` beyond `gate` deviations of the wider one.
+    pub fn likelihood(&self, innovation_m: f32, expected_m2: f32, gate: f32) -> Option<Likelihood> {
+        let squared = innovation_m * innovation_m;
+        let narrow_m2 = expected_m2 + self.variance_m2;
+        if self.tail_m2 <= 0.0 {
+            if squared >= gate * gate * narrow_m2 {
+                return None;
+            }
+            let precision = 1.0 / narrow_m2;
+            let per_m = exp(-0.5 * (squared * precision)) / sqrt(TAU * narrow_m2);
+            return Some(Likelihood { per_m, precision, squared_precision: precision * precision });
+        }
+        let wide_m2 = narrow_m2 + self.tail_m2;
+        if squared >= gate * gate * wide_m2 {
+            return None;
+        }
+        let (a, b) = (1.0 / narrow_m2, 1.0 / wide_m2);
+        let t = crate::real::tune(12, TAIL_SHARE);
+        let narrow = (1.0 - t) * (exp(-0.5 * (squared * a)) / sqrt(TAU * narrow_m2));
+        let wide = t * (exp(-0.5 * (squared * b)) / sqrt(TAU * wide_m2));
+        let per_m = narrow + wide;
+        let inverse = 1.0 / larger(per_m, f32::MIN_POSITIVE);
+        let (narrow, wide) = (narrow * inverse, wide * inverse);
+        Some(Likelihood {
+            per_m,
+            precision: narrow * a + wide * b,
+            squared_precision: narrow * (a * a) + wide * (b * b),
+        })
+    }
 }
 
 /// Intensities of measurements that come from no known feature, per metre of range.

@@ -163,6 +163,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         scan.take_ranges(ranges.ranges.iter().map(|range| Measurement {
             range_m: range.range_m,
             variance_m2: ranging.measurement_variance_m2(range.variance_m2),
+            tail_m2: 0.0,
             sinr: 0.0,
             energy: 0.0,
             false_alarm: 1.0,
@@ -212,7 +213,18 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             let [re, im] = path.amplitude;
             scan.take_path(Measurement {
                 range_m,
-                variance_m2: ranging.measurement_variance_m2(pulse.range_variance_m2(path.sinr)),
+                variance_m2: ranging
+                    .measurement_variance_m2(crate::real::tune(11, 1.0) * pulse.range_variance_m2(path.sinr))
+                    + {
+                        let k = crate::real::tune(10, 0.0) * pulse.duration_s * 299_792_458.0;
+                        k * k
+                    },
+                tail_m2: {
+                    let k = crate::real::tune(13, crate::model::measurement::TAIL_PULSES)
+                        * pulse.duration_s
+                        * SPEED_OF_LIGHT_M_S;
+                    k * k
+                },
                 sinr: path.sinr,
                 energy: (re * re + im * im) / unit,
                 false_alarm: 1.0,

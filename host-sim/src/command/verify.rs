@@ -22,4 +22,7 @@ pub struct Options {
 /// Cycles of the seminar room.
 const ROOM_CYCLES: usize = 200;
 
-pub fn run(options: &Options) -> Result<(), Failure> { let _ = options; todo!() }
+pub fn run(options: &Options) -> Result<(), Failure> {
+    let _ = options;
+    todo!()
+}

@@ -170,7 +170,7 @@ impl<T: Real> Receiver<T> {
             all.push(Measurement {
                 range_m: T::of(range.range_m),
                 variance_m2: self.measurement_variance(T::of(range.variance_m2)),
-                sinr: T::ZERO,
+                tail_m2: 0.0, sinr: T::ZERO,
                 energy: T::ZERO,
                 false_alarm: T::ONE,
             });
@@ -227,7 +227,7 @@ impl<T: Real> Receiver<T> {
             scan.measurements.push(Measurement {
                 range_m,
                 variance_m2: self.measurement_variance(pulse.range_variance_m2(path.sinr)),
-                sinr: path.sinr,
+                tail_m2: 0.0, sinr: path.sinr,
                 energy: (square(path.amplitude[0]) + square(path.amplitude[1])) / unit,
                 false_alarm: false_alarm(path.sinr, threshold),
             });

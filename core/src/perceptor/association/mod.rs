@@ -275,6 +275,7 @@ mod tests {
         Measurement {
             range_m,
             variance_m2: deviation_m * deviation_m,
+            tail_m2: 0.0,
             sinr: 0.0,
             energy: 0.0,
             false_alarm: 1.0,

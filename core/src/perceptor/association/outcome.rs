@@ -7,6 +7,7 @@ use crate::model::range::Regression;
 use crate::model::soft_update::{LEAST_WEIGHT, Moments};
 use crate::perceptor::expectation::Expectations;
 use crate::perceptor::scan::Scan;
+use crate::real::larger;
 use heapless::Vec;
 
 /// A scan, its expectations and the beliefs about them.
@@ -95,19 +96,27 @@ fn innovation<const PATHS: usize>(
     measurements: &Vec<Measurement, PATHS>,
     belief: &Belief<PATHS>,
 ) -> Option<Innovation> {
-    let mut moments = Moments::default();
-    let mut variance = 0.0;
+    // Moments of nu over its variance, which differs from measurement to measurement and within the mixture.
+    let mut weight = 0.0;
+    let (mut precision, mut first, mut second) = (0.0, 0.0, 0.0);
+    let expected_m2 = regression.variance_m2();
     for (measurement, &p) in measurements.iter().zip(&belief.associated) {
         let nu = measurement.range_m - regression.range_m;
-        moments.weight += p;
-        moments.first_m += p * nu;
-        moments.second_m2 += p * (nu * nu);
-        variance += p * measurement.variance_m2;
+        let Some(likelihood) = measurement.likelihood(nu, expected_m2, f32::INFINITY) else { continue };
+        weight += p;
+        precision += p * likelihood.precision;
+        first += p * likelihood.precision * nu;
+        second += p * likelihood.squared_precision * (nu * nu);
     }
-    if moments.weight < LEAST_WEIGHT {
+    if weight < LEAST_WEIGHT {
         return None;
     }
-    Some(Innovation { regression: *regression, moments, variance_m2: variance / moments.weight })
+    // The one variance that gives these.
+    let innovation_m2 = weight / precision;
+    let moments =
+        Moments { weight, first_m: innovation_m2 * first, second_m2: innovation_m2 * innovation_m2 * second };
+    let variance_m2 = larger(innovation_m2 - expected_m2, 0.0);
+    Some(Innovation { regression: *regression, moments, variance_m2 })
 }
 
 /// Mean normalised innovation squared of what was associated: 1 where the filter knows how wrong it is, 0 without

@@ -86,16 +86,16 @@ pub fn detection<const PATHS: usize>(
         let found = detection_probability(sinr, scan.threshold());
         match (channel.seen, is_unseen_image) {
             (true, _) => (found, channel.visibility * found, false),
-            (false, true) => (found, HIDDEN_DETECTION, true),
+            (false, true) => (found, crate::real::tune(3, HIDDEN_DETECTION), true),
             (false, false) => (found, told, false),
         }
     } else {
         (told, told, false)
     };
     let is_hidden = is_unknown || visible * availability <= HIDDEN_DETECTION;
-    let open = limited(visible, HIDDEN_DETECTION, told);
+    let open = limited(visible, crate::real::tune(4, HIDDEN_DETECTION), told);
     Detection {
-        probability: open - (open - UNAVAILABLE_DETECTION) * (1.0 - availability),
+        probability: open - (open - crate::real::tune(2, UNAVAILABLE_DETECTION)) * (1.0 - availability),
         found: found * availability,
         sighting: if is_hidden { Sighting::Hidden } else { Sighting::Open },
     }
