@@ -178,20 +178,29 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
     /// Availability (0 to 1) of the path reflected by wall `first` and then, where there is one, by wall `second`; 0 below 0.01,
     /// and where there is no such wall.
     pub fn reflected(&self, first: usize, second: Option<usize>) -> f32 {
-        let Some((last, before)) = self.bounces(first, second) else {
+        let (walls, last_index) = (self.walls, second.unwrap_or(first));
+        let (Some(wall), Some(last_wall)) = (walls.walls.get(first), walls.walls.get(last_index)) else {
             return 0.0;
         };
-        let last_wall = second.unwrap_or(first);
+        let image_m =
+            if second.is_some() { wall.now.line.mirrored_m(self.anchor.at_m) } else { self.anchor.at_m };
+        let last = last_wall.bounce(image_m, self.tag.at_m, self.tag.std_m);
         let mut available = smaller(last.same_side, last.within);
-        if let Some(before) = &before {
-            available = smaller(available, smaller(before.same_side, before.within));
-        }
         if available < LEAST {
             return 0.0;
         }
-        let walls = self.walls;
+        let before = if second.is_some() {
+            let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
+            available = smaller(available, smaller(before.same_side, before.within));
+            if available < LEAST {
+                return 0.0;
+            }
+            Some(before)
+        } else {
+            None
+        };
         let end = walls.end(last.at_m, last.std_m, false);
-        available *= walls.leg(&end, &self.tag, [last_wall; 2]);
+        available *= walls.leg(&end, &self.tag, [last_index; 2]);
         if available < LEAST {
             return 0.0;
         }
@@ -199,7 +208,7 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
             None => end,
             Some(before) => {
                 let outer = walls.end(before.at_m, before.std_m, false);
-                available *= walls.leg(&outer, &end, [first, last_wall]);
+                available *= walls.leg(&outer, &end, [first, last_index]);
                 outer
             }
         };
@@ -216,11 +225,19 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
         if told > 0.0 || reversed > 0.0 {
             return (smaller(told + reversed, 1.0), reversed > told);
         }
-        let in_order = |first, second| match self.bounces(first, Some(second)) {
-            Some((last, Some(before))) => smaller(last.same_side, before.same_side),
-            _ => 0.0,
+        let forwards = self.in_order(first, second);
+        (0.0, self.in_order(second, first) > forwards)
+    }
+
+    /// Probability that a path meets two walls in this order, if they had no ends.
+    fn in_order(&self, first: usize, second: usize) -> f32 {
+        let (Some(wall), Some(last)) = (self.walls.walls.get(first), self.walls.walls.get(second)) else {
+            return 0.0;
         };
-        (0.0, in_order(second, first) > in_order(first, second))
+        let image_m = wall.now.line.mirrored_m(self.anchor.at_m);
+        let last = last.bounce(image_m, self.tag.at_m, self.tag.std_m);
+        let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
+        smaller(last.same_side, before.same_side)
     }
 
     /// The walls that the direct path crosses.
@@ -235,19 +252,6 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
             }
         }
         crossing
-    }
-
-    /// The last reflection of a path and, of two, the one before; `None` where the ends are surely on different sides.
-    fn bounces(&self, first: usize, second: Option<usize>) -> Option<(Bounce, Option<Bounce>)> {
-        let (anchor_m, End { at_m, std_m, .. }) = (self.anchor.at_m, self.tag);
-        let wall = self.walls.walls.get(first)?;
-        let Some(second) = second else {
-            return Some((wall.bounce(anchor_m, at_m, std_m)?, None));
-        };
-        let image_m = wall.now.line.mirrored_m(anchor_m);
-        let last = self.walls.walls.get(second)?.bounce(image_m, at_m, std_m)?;
-        let before = wall.bounce(anchor_m, last.at_m, last.std_m)?;
-        Some((last, Some(before)))
     }
 }
 
@@ -271,9 +275,9 @@ impl Standing<'_> {
         sides * within
     }
 
-    /// The reflection by the wall of a path from an image's or anchor's position; `None` where its ends are surely on
-    /// different sides.
-    fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Option<Bounce> {
+    /// The reflection by the wall of a path from an image's or anchor's position; where its ends are surely on different sides
+    /// it is nowhere.
+    fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Bounce {
         let line = &self.now.line;
         let (before, behind) = (line.distance_m(from_m), line.distance_m(to_m));
         let near_m = abs(before);
@@ -287,14 +291,15 @@ impl Standing<'_> {
         };
         let same_side = probability(far_m, root(to_std_m, self.now.std_m));
         if same_side < LEAST {
-            return None;
+            return Bounce { same_side: 0.0, within: 0.0, at_m: to_m, std_m: to_std_m };
         }
         let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to_m, to_std_m);
         let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
         let at_m = [cx + place_m * tx, cy + place_m * ty];
-        Some(Bounce { same_side, within, at_m, std_m: share * to_std_m })
+        Bounce { same_side, within, at_m, std_m: share * to_std_m }
     }
 
+    #[inline(always)]
     /// Where a path from `near_m` before the wall to `far_m` behind it meets it, one that does not reach it at its nearer
     /// end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
     fn meeting(
