@@ -12,7 +12,7 @@
 //! What the reflections of a path depend on counts by its least probability: in a corner, on which side of one wall a path is
 //! and whether it meets the other are the same question. Walls that are crossed count as independent, by the product.
 //!
-//! Many legs are asked for at every place: roots of sums of squares are formed to within 3 %, and the normal distribution by a
+//! Many legs are asked for at every place: roots of sums of squares are formed to within 4 %, and the normal distribution by a
 //! polynomial, to within 0.015.
 
 use super::plan::{FloorPlan, Segment, Wall};
@@ -142,10 +142,10 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
             let away_m = now.line.distance_m(at_m);
             let reach_m = if is_anchor { -ON_WALL_M } else { SURE * (std_m + now.std_m) };
             let [before, behind] = &mut sides;
-            if away_m > reach_m {
+            if away_m >= reach_m {
                 *before |= bit;
             }
-            if away_m < -reach_m {
+            if away_m <= -reach_m {
                 *behind |= bit;
             }
             // None is left after 32.
@@ -154,19 +154,34 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         End { at_m, std_m, is_anchor, sides }
     }
 
-    /// Share that walls other than those two, which reflect at its ends, let through to a leg.
+    /// Share that walls other than those two, which reflect at its ends, let through to a leg; in the walls' order.
     fn leg(&self, from: &End, to: &End, [one, other]: [usize; 2]) -> f32 {
         let ([a, b], [c, d]) = (from.sides, to.sides);
-        let mut passed = (a & c) | (b & d);
+        let opposite = (a & d) | (b & c);
+        let mut left = !((a & c) | (b & d));
+        let mut beyond = u32::BITS as usize..self.walls.len();
         let mut through = 1.0;
-        for (index, wall) in self.walls.iter().enumerate() {
-            if passed & 1 == 0 && index != one && index != other {
-                through *= 1.0 - wall.crossed(from, to) * (1.0 - wall.now.through);
+        loop {
+            let index = if left == 0 {
+                let Some(index) = beyond.next() else { break };
+                index
+            } else {
+                let index = left.trailing_zeros() as usize;
+                left &= left - 1;
+                index
+            };
+            let Some(wall) = self.walls.get(index) else { break };
+            if index != one && index != other {
+                through *= wall.through(from, to, opposite & bit(index) != 0);
             }
-            passed >>= 1;
         }
         through
     }
+}
+
+/// The bit of a wall; none from the 33rd on.
+fn bit(wall: usize) -> u32 {
+    if wall < 32 { 1 << wall } else { 0 }
 }
 
 impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
@@ -178,20 +193,29 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
     /// Availability (0 to 1) of the path reflected by wall `first` and then, where there is one, by wall `second`; 0 below 0.01,
     /// and where there is no such wall.
     pub fn reflected(&self, first: usize, second: Option<usize>) -> f32 {
-        let Some((last, before)) = self.bounces(first, second) else {
+        let (walls, last_index) = (self.walls, second.unwrap_or(first));
+        let (Some(wall), Some(last_wall)) = (walls.walls.get(first), walls.walls.get(last_index)) else {
             return 0.0;
         };
-        let last_wall = second.unwrap_or(first);
+        let image_m =
+            if second.is_some() { wall.now.line.mirrored_m(self.anchor.at_m) } else { self.anchor.at_m };
+        let last = last_wall.bounce(image_m, self.tag.at_m, self.tag.std_m);
         let mut available = smaller(last.same_side, last.within);
-        if let Some(before) = &before {
-            available = smaller(available, smaller(before.same_side, before.within));
-        }
         if available < LEAST {
             return 0.0;
         }
-        let walls = self.walls;
+        let before = if second.is_some() {
+            let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
+            available = smaller(available, smaller(before.same_side, before.within));
+            if available < LEAST {
+                return 0.0;
+            }
+            Some(before)
+        } else {
+            None
+        };
         let end = walls.end(last.at_m, last.std_m, false);
-        available *= walls.leg(&end, &self.tag, [last_wall; 2]);
+        available *= walls.leg(&end, &self.tag, [last_index; 2]);
         if available < LEAST {
             return 0.0;
         }
@@ -199,7 +223,7 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
             None => end,
             Some(before) => {
                 let outer = walls.end(before.at_m, before.std_m, false);
-                available *= walls.leg(&outer, &end, [first, last_wall]);
+                available *= walls.leg(&outer, &end, [first, last_index]);
                 outer
             }
         };
@@ -216,18 +240,26 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
         if told > 0.0 || reversed > 0.0 {
             return (smaller(told + reversed, 1.0), reversed > told);
         }
-        let in_order = |first, second| match self.bounces(first, Some(second)) {
-            Some((last, Some(before))) => smaller(last.same_side, before.same_side),
-            _ => 0.0,
+        let forwards = self.in_order(first, second);
+        (0.0, self.in_order(second, first) > forwards)
+    }
+
+    /// Probability that a path meets two walls in this order, if they had no ends.
+    fn in_order(&self, first: usize, second: usize) -> f32 {
+        let (Some(wall), Some(last)) = (self.walls.walls.get(first), self.walls.walls.get(second)) else {
+            return 0.0;
         };
-        (0.0, in_order(second, first) > in_order(first, second))
+        let image_m = wall.now.line.mirrored_m(self.anchor.at_m);
+        let last = last.bounce(image_m, self.tag.at_m, self.tag.std_m);
+        let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
+        smaller(last.same_side, before.same_side)
     }
 
     /// The walls that the direct path crosses.
     pub fn crossing(&self) -> Crossing {
         let mut crossing = Crossing::None;
         for (index, wall) in self.walls.walls.iter().enumerate() {
-            let crossed = wall.crossed(&self.anchor, &self.tag);
+            let crossed = wall.crossed(&self.anchor, &self.tag, false);
             if crossed > CLEAR && crossing == Crossing::None {
                 crossing = Crossing::One(index);
             } else if crossed > 1.0 - CLEAR {
@@ -236,44 +268,42 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
         }
         crossing
     }
-
-    /// The last reflection of a path and, of two, the one before; `None` where the ends are surely on different sides.
-    fn bounces(&self, first: usize, second: Option<usize>) -> Option<(Bounce, Option<Bounce>)> {
-        let (anchor_m, End { at_m, std_m, .. }) = (self.anchor.at_m, self.tag);
-        let wall = self.walls.walls.get(first)?;
-        let Some(second) = second else {
-            return Some((wall.bounce(anchor_m, at_m, std_m)?, None));
-        };
-        let image_m = wall.now.line.mirrored_m(anchor_m);
-        let last = self.walls.walls.get(second)?.bounce(image_m, at_m, std_m)?;
-        let before = wall.bounce(anchor_m, last.at_m, last.std_m)?;
-        Some((last, Some(before)))
-    }
 }
 
 impl Standing<'_> {
-    /// Probability that a leg crosses the wall.
-    fn crossed(&self, from: &End, to: &End) -> f32 {
+    /// Share of a leg that the wall lets through.
+    #[inline(always)] // one caller
+    fn through(&self, from: &End, to: &End, is_opposite: bool) -> f32 {
+        1.0 - self.crossed(from, to, is_opposite) * (1.0 - self.now.through)
+    }
+
+    /// Probability that a leg crosses the wall, `is_opposite` where its ends are surely on different sides.
+    fn crossed(&self, from: &End, to: &End, is_opposite: bool) -> f32 {
         let WallNow { line, std_m, .. } = &self.now;
         let (before, behind) = (line.distance_m(from.at_m), line.distance_m(to.at_m));
         let (near_m, beyond_m) = if before < 0.0 { (-before, behind) } else { (before, -behind) };
-        let beyond = probability(beyond_m, root(to.std_m, *std_m));
-        let sides = if from.is_anchor {
-            limited((near_m - ON_WALL_M) / std_m, 0.0, 1.0) * beyond
-        } else {
-            let near = probability(near_m, root(from.std_m, *std_m));
-            near * beyond + (1.0 - near) * (1.0 - beyond)
-        };
-        if !(sides > 0.0) {
-            return 0.0;
+        let mut sides = 1.0;
+        if !is_opposite {
+            let beyond = probability(beyond_m, root(to.std_m, *std_m));
+            sides = if !from.is_anchor {
+                let near = probability(near_m, root(from.std_m, *std_m));
+                near * beyond + (1.0 - near) * (1.0 - beyond)
+            } else if near_m <= ON_WALL_M {
+                0.0
+            } else {
+                beyond
+            };
+            if !(sides > 0.0) {
+                return 0.0;
+            }
         }
         let (_, _, within) = self.meeting(near_m, beyond_m, from.at_m, to.at_m, to.std_m);
         sides * within
     }
 
-    /// The reflection by the wall of a path from an image's or anchor's position; `None` where its ends are surely on
-    /// different sides.
-    fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Option<Bounce> {
+    /// The reflection by the wall of a path from an image's or anchor's position; where its ends are surely on different sides
+    /// it is nowhere.
+    fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Bounce {
         let line = &self.now.line;
         let (before, behind) = (line.distance_m(from_m), line.distance_m(to_m));
         let near_m = abs(before);
@@ -287,14 +317,15 @@ impl Standing<'_> {
         };
         let same_side = probability(far_m, root(to_std_m, self.now.std_m));
         if same_side < LEAST {
-            return None;
+            return Bounce { same_side: 0.0, within: 0.0, at_m: to_m, std_m: to_std_m };
         }
         let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to_m, to_std_m);
         let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
         let at_m = [cx + place_m * tx, cy + place_m * ty];
-        Some(Bounce { same_side, within, at_m, std_m: share * to_std_m })
+        Bounce { same_side, within, at_m, std_m: share * to_std_m }
     }
 
+    #[inline(always)]
     /// Where a path from `near_m` before the wall to `far_m` behind it meets it, one that does not reach it at its nearer
     /// end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
     fn meeting(
@@ -328,10 +359,10 @@ impl Standing<'_> {
     }
 }
 
-/// The root of a^2 + b^2 (neither below 0), to within 3 %.
+/// The root of a^2 + b^2 (neither below 0), to within 4 %.
 fn root(a: f32, b: f32) -> f32 {
     let (more, less) = if a > b { (a, b) } else { (b, a) };
-    larger(more, 0.875 * more + 0.5 * less)
+    0.96 * more + 0.4 * less
 }
 
 /// Probability that a number of this mean and deviation (above 0) is positive: the quintic step, whose slope is the square of
@@ -523,7 +554,7 @@ mod tests {
             assert!((ours + f64::from(probability((-3.0 * z) as f32, 3.0)) - 1.0).abs() < 1e-6);
             phi += step * (-0.5 * (z + 0.5 * step).powi(2)).exp() / (2.0 * core::f64::consts::PI).sqrt();
             let ratio = f64::from(root(2.0, 2.0 * z as f32)) / (2.0 * 1.0_f64.hypot(z));
-            assert!((ratio - 1.0).abs() < 0.03, "{z}: {ratio}");
+            assert!((ratio - 1.0).abs() < 0.041, "{z}: {ratio}");
         }
     }
 

@@ -9,6 +9,7 @@
 //! | [`real`] | the number type: `f32` or `f64` |
 //! | [`range`], [`motion`], [`clock`], [`soft_update`] | what every estimate of the tag, and every memory, uses |
 //! | [`pulse`], [`channel_estimator`], [`gain_control`], [`receiver`] | frames to paths, paths to scans |
+//! | [`plan`], [`image`], [`availability`], [`listing`] | walls, images in them, what can be seen from where |
 //! | [`belief`], [`acquisition`], [`loss`], [`manoeuvre`] | whether it is known where the tag is, and where it may be |
 //! | [`known`], [`overlap`] | what a scan is expected to show |
 //! | [`association`] | paths to features |
@@ -30,6 +31,7 @@
 
 pub mod acquisition;
 pub mod association;
+pub mod availability;
 pub mod belief;
 pub mod channel_estimator;
 pub mod channel_memory;
@@ -41,13 +43,16 @@ pub mod cycle;
 pub mod discovery;
 pub mod environment;
 pub mod gain_control;
+pub mod image;
 pub mod information;
 pub mod known;
+pub mod listing;
 pub mod loss;
 pub mod manoeuvre;
 pub mod map;
 pub mod motion;
 pub mod overlap;
+pub mod plan;
 pub mod pulse;
 pub mod range;
 pub mod real;
