@@ -34,7 +34,7 @@ pub struct Measurement {
     pub range_m: f32,
     /// Variance, square metres.
     pub variance_m2: f32,
-    /// Variance that a share [`TAIL_SHARE`] of measurements has on top, square metres; 0 where there are no such.
+    /// Variance that a share of measurements ([`Clutter::tail`]) has on top, square metres; 0 where there are no such.
     pub tail_m2: f32,
     /// Component SINR where the measurement is an estimated path; 0 where nothing is known of it.
     pub sinr: f32,
@@ -44,9 +44,9 @@ pub struct Measurement {
     pub false_alarm: f32,
 }
 
-/// Tuned: share of estimated paths that another one, which nobody knows of, pulls along.
-pub const TAIL_SHARE: f32 = 0.25;
-/// Tuned: standard deviation of how far it does, pulse lengths.
+/// Tuned: share of estimated paths that others pull along which nobody expects, before any was seen.
+pub const USUAL_TAIL: f32 = 0.25;
+/// Tuned: standard deviation of how far they are pulled, pulse lengths.
 pub const TAIL_PULSES: f32 = 0.2;
 
 /// How probable an innovation is, and what it weighs.
@@ -58,37 +58,42 @@ pub struct Likelihood {
     pub precision: f32,
     /// Mean of its square, 1/m^4.
     pub squared_precision: f32,
+    /// Probability that it is of the tail.
+    pub tail: f32,
 }
 
 impl Measurement {
-    /// Likelihood of this measurement where `innovation_m` of it is not what was expected with variance `expected_m2`: a
-    /// mixture of two normal distributions; `None` beyond `gate` deviations of the wider one.
-    pub fn likelihood(&self, innovation_m: f32, expected_m2: f32, gate: f32) -> Option<Likelihood> {
+    /// Likelihood of an innovation of `innovation_m` where the range was expected with variance `expected_m2`: a normal
+    /// distribution and, for a share `tail` of paths, a wider one; `None` beyond `gate` deviations.
+    pub fn likelihood(
+        &self,
+        innovation_m: f32,
+        expected_m2: f32,
+        tail: f32,
+        gate: f32,
+    ) -> Option<Likelihood> {
         let squared = innovation_m * innovation_m;
         let narrow_m2 = expected_m2 + self.variance_m2;
-        if self.tail_m2 <= 0.0 {
-            if squared >= gate * gate * narrow_m2 {
-                return None;
-            }
-            let precision = 1.0 / narrow_m2;
-            let per_m = exp(-0.5 * (squared * precision)) / sqrt(TAU * narrow_m2);
-            return Some(Likelihood { per_m, precision, squared_precision: precision * precision });
-        }
         let wide_m2 = narrow_m2 + self.tail_m2;
         if squared >= gate * gate * wide_m2 {
             return None;
         }
-        let (a, b) = (1.0 / narrow_m2, 1.0 / wide_m2);
-        let t = crate::real::tune(12, TAIL_SHARE);
-        let narrow = (1.0 - t) * (exp(-0.5 * (squared * a)) / sqrt(TAU * narrow_m2));
-        let wide = t * (exp(-0.5 * (squared * b)) / sqrt(TAU * wide_m2));
+        let a = 1.0 / narrow_m2;
+        let narrow = exp(-0.5 * (squared * a)) / sqrt(TAU * narrow_m2);
+        if self.tail_m2 <= 0.0 {
+            return Some(Likelihood { per_m: narrow, precision: a, squared_precision: a * a, tail: 0.0 });
+        }
+        let b = 1.0 / wide_m2;
+        let narrow = (1.0 - tail) * narrow;
+        let wide = tail * (exp(-0.5 * (squared * b)) / sqrt(TAU * wide_m2));
         let per_m = narrow + wide;
-        let inverse = 1.0 / larger(per_m, f32::MIN_POSITIVE);
-        let (narrow, wide) = (narrow * inverse, wide * inverse);
+        let wide = wide / larger(per_m, f32::MIN_POSITIVE);
+        let narrow = 1.0 - wide;
         Some(Likelihood {
             per_m,
             precision: narrow * a + wide * b,
             squared_precision: narrow * (a * a) + wide * (b * b),
+            tail: wide,
         })
     }
 }
@@ -100,6 +105,8 @@ pub struct Clutter {
     pub false_alarms_per_m: f32,
     /// False alarms and paths of virtual anchors not in the map.
     pub all_per_m: f32,
+    /// Share of paths whose ranges have the tail.
+    pub tail: f32,
 }
 
 /// Whether a measurement is clearly, by two deviations, shorter than a direct path of this range and variance.

@@ -1,11 +1,14 @@
 //! The floor plan that a device is told: an outline, and walls that may each be shifted and turned.
 
 use super::anchor::MappedVirtualAnchor;
+use super::detection::LOGISTIC;
 use super::surface::Line;
 use crate::error::Error;
-use crate::real::{abs, larger, smaller, sqrt};
+use crate::real::{abs, exp, larger, smaller, sqrt};
 use heapless::Vec;
 
+/// Guard: against an outline believed to the letter: its deviation, metres.
+pub const OUTLINE_STD_M: f32 = 0.3;
 /// Capacity: reflections of a source at most.
 pub const MOST_REFLECTIONS: usize = 2;
 /// Guard: against a wall without a direction: shortest segment, metres.
@@ -203,6 +206,17 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
     pub fn middle_m(&self) -> [f32; 2] {
         let [[left, bottom], [right, top]] = self.box_m();
         [0.5 * (left + right), 0.5 * (bottom + top)]
+    }
+
+    /// Probability that the tag may be around a point known within a deviation per axis, metres: that this is inside the outline,
+    /// which is as uncertain as [`OUTLINE_STD_M`]. 1 where there is no outline.
+    pub fn inside(&self, point_m: [f32; 2], std_m: f32) -> f32 {
+        let depth_m = self.depth_m(point_m);
+        if depth_m == f32::INFINITY {
+            return 1.0;
+        }
+        let deviation_m = sqrt(std_m * std_m + OUTLINE_STD_M * OUTLINE_STD_M);
+        1.0 / (1.0 + exp(-LOGISTIC * (depth_m / deviation_m)))
     }
 
     /// By how far a point lies inside the outline, negative outside, metres; infinite where there is no outline.

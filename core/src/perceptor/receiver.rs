@@ -4,7 +4,7 @@ use super::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSetti
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
 use crate::error::Error;
-use crate::model::measurement::{Measurement, Ranging};
+use crate::model::measurement::{Measurement, Ranging, TAIL_PULSES};
 use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::radio::Radio;
 use crate::radio::library::Library;
@@ -220,9 +220,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
                         k * k
                     },
                 tail_m2: {
-                    let k = crate::real::tune(13, crate::model::measurement::TAIL_PULSES)
-                        * pulse.duration_s
-                        * SPEED_OF_LIGHT_M_S;
+                    let k = crate::real::tune(13, TAIL_PULSES) * pulse.duration_s * SPEED_OF_LIGHT_M_S;
                     k * k
                 },
                 sinr: path.sinr,

@@ -127,7 +127,7 @@ pub(super) fn locate<
             })
         }))
     };
-    belief.locate(sweeps, landmarks)
+    belief.locate(sweeps, landmarks, |place_m, std_m| known.plan.inside(place_m, std_m))
 }
 
 /// What every scan is expected to show at the predicted state, which is widened where a manoeuvre explains the scans far
@@ -281,7 +281,7 @@ pub(super) fn remember<
             channel.observe(outcome, library, true);
         }
         if !belief.is_acquiring() {
-            clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);
+            clutter.observe(scan.anchor, outcome.unexplained(), outcome.tailed(), scan.elapsed_s);
         }
     }
 }

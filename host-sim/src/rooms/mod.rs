@@ -41,6 +41,9 @@ pub enum Plan {
     /// As `0.1`, but one wall is a metre off, turned by 2 to 4 degrees, or missing, and nobody says so.
     #[serde(rename = "wrong")]
     Wrong,
+    /// As `0.1`, but turned as a whole by 2 degrees, and nobody says so. Never drawn unless it is asked for.
+    #[serde(rename = "turned")]
+    Turned,
     /// Nothing.
     #[serde(rename = "none")]
     None,
@@ -48,7 +51,10 @@ pub enum Plan {
 
 impl Plan {
     /// All of them.
-    pub const ALL: [Plan; 5] = [Plan::Exact, Plan::Within01, Plan::Within03, Plan::Wrong, Plan::None];
+    pub const ALL: [Plan; 6] =
+        [Plan::Exact, Plan::Within01, Plan::Within03, Plan::Wrong, Plan::Turned, Plan::None];
+    /// Those that are drawn where nothing else is asked for.
+    pub const DRAWN: [Plan; 5] = [Plan::Exact, Plan::Within01, Plan::Within03, Plan::Wrong, Plan::None];
 
     /// Its name on the command line and in tables.
     pub fn name(self) -> &'static str {
@@ -57,6 +63,7 @@ impl Plan {
             Plan::Within01 => "0.1",
             Plan::Within03 => "0.3",
             Plan::Wrong => "wrong",
+            Plan::Turned => "turned",
             Plan::None => "none",
         }
     }
@@ -254,7 +261,7 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
     let transmissions = levels.weighted(&[(0, 1.0), (1, 2.0), (2, 2.0), (3, 1.0)]);
 
     let plan = {
-        let allowed = all_or(&restriction.plans, &Plan::ALL);
+        let allowed = all_or(&restriction.plans, &Plan::DRAWN);
         let weight = |&plan: &Plan| (plan, if plan == Plan::Within01 { 2.0 } else { 1.0 });
         let weighted: Vec<(Plan, f64)> = allowed.iter().map(weight).collect();
         Draws::new(seed, Aspect::Plan).weighted(&weighted)
@@ -609,6 +616,8 @@ fn interferers(seed: u64, disturbance: Disturbance, radio: &Radio, snr_at_1_m_db
 /// How far a wrong plan has a wall from where it is, metres, and how much it may be turned, degrees.
 const WRONG_OFFSET_M: f64 = 1.0;
 const WRONG_TURN_DEG: [f64; 2] = [2.0, 4.0];
+/// By how much a plan that is turned is turned, degrees.
+const TURNED_DEG: f64 = 2.0;
 
 /// What is told of the floor plan, with walls drawn wrong where they are to be.
 fn told_plan(seed: u64, plan: Plan, room: &scenario::Room) -> FloorPlan {
@@ -626,8 +635,30 @@ fn told_plan(seed: u64, plan: Plan, room: &scenario::Room) -> FloorPlan {
         Plan::Within01 => told(0.1, 0.05, 0.5),
         Plan::Within03 => told(0.3, 0.15, 1.0),
         Plan::Wrong => FloorPlan { room: Some(wrong_room(seed, room)), ..told(0.1, 0.05, 0.5) },
+        Plan::Turned => FloorPlan { room: Some(turned_room(seed, room)), ..told(0.1, 0.05, 0.5) },
         Plan::None => FloorPlan { known: false, ..FloorPlan::default() },
     }
+}
+
+/// The room turned about the middle of its box, to either side.
+fn turned_room(seed: u64, room: &scenario::Room) -> scenario::Room {
+    let side = if Draws::new(seed, Aspect::WrongPlan).chance(0.5) { 1.0 } else { -1.0 };
+    let (sin, cos) = libm::sincos((side * TURNED_DEG).to_radians());
+    let middle_m: [f64; 2] = std::array::from_fn(|axis| {
+        let along = room.corners_m.iter().map(|corner| corner[axis]);
+        0.5 * (along.clone().fold(f64::INFINITY, f64::min) + along.fold(f64::NEG_INFINITY, f64::max))
+    });
+    let turned = |point_m: &mut Position| {
+        let [x, y] = [point_m[0] - middle_m[0], point_m[1] - middle_m[1]];
+        *point_m = [middle_m[0] + cos * x - sin * y, middle_m[1] + sin * x + cos * y].map(|x| rounded(x, 4));
+    };
+    let mut room = room.clone();
+    room.corners_m.iter_mut().for_each(turned);
+    for wall in &mut room.inner_walls {
+        turned(&mut wall.from_m);
+        turned(&mut wall.to_m);
+    }
+    room
 }
 
 /// The room with one wall shifted, turned or missing. Sides are never missing: a plan has an outline.

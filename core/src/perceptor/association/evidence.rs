@@ -28,7 +28,7 @@ pub fn evidence_nat<'a>(
             let probability = feature.existence * feature.detection;
             let innovation = measurement.range_m - feature.range_m;
             let squared = innovation * innovation;
-            let likelihood = measurement.likelihood(innovation, feature.variance_m2, GATE);
+            let likelihood = measurement.likelihood(innovation, feature.variance_m2, clutter.tail, GATE);
             if let Some(likelihood) = likelihood.filter(|_| !(is_earlier && index > 0)) {
                 here += probability * likelihood.per_m;
             }

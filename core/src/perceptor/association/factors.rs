@@ -72,7 +72,9 @@ impl<const PATHS: usize> Row<PATHS> {
         let scale = expectation.existence * expectation.detection / clutter.all_per_m;
         for ((factor, measurement), claim) in psi.iter_mut().zip(measurements).zip(claims) {
             let innovation = measurement.range_m - expectation.range_m;
-            if let Some(likelihood) = measurement.likelihood(innovation, expectation.variance_m2, GATE) {
+            if let Some(likelihood) =
+                measurement.likelihood(innovation, expectation.variance_m2, clutter.tail, GATE)
+            {
                 *factor = scale * likelihood.per_m / claim;
             }
         }

@@ -32,6 +32,8 @@ pub const DIRECTIONS: usize = 64;
 pub const NEXT_DIRECTION: [f32; 2] = [0.995_184_7, 0.098_017_14];
 /// Mathematics: standard deviation of an arc along the circle, radians: 1.2 times half its length, so that arcs overlap.
 pub const ARC_STD: f32 = 0.06;
+/// Guard: against a plan believed to the letter: least probability that the tag is outside the outline told.
+pub const OUTSIDE: f32 = 1e-3;
 /// Guard: against the rounding of an arc's covariance: least share of its variance in that along its radius.
 pub const ROUNDING_MARGIN: f32 = 1.0 / 1_048_576.0;
 /// Capacity: ranges per anchor, the shortest first, that are tried as the direct path; they bound the time.
@@ -238,13 +240,15 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         }
     }
 
-    /// Compares all places with one cycle's sweeps; false where these are empty. `landmarks` gives those of the anchor of sweep i, the direct path
-    /// first.
+    /// Compares all places with one cycle's sweeps; false where these are empty. `landmarks` gives those of the anchor of sweep
+    /// i, the direct path first; `inside` the probability that a tag may be around a place (metres), known within a deviation
+    /// (metres).
     #[inline(never)]
     pub fn observe<'a, L: Iterator<Item = Landmark> + Clone>(
         &mut self,
         sweeps: impl Iterator<Item = (usize, Sweep<'a>)> + Clone,
         landmarks: impl Fn(usize) -> L,
+        inside: impl Fn([f32; 2], f32) -> f32,
     ) -> bool {
         if sweeps.clone().all(|(_, sweep)| sweep.measurements.is_empty()) {
             return false;
@@ -260,7 +264,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         if newcomers_matter {
             self.scans = 0;
             for (anchor, sweep) in sweeps.clone() {
-                self.propose(anchor, &sweep, sweeps.clone(), &landmarks);
+                self.propose(anchor, &sweep, sweeps.clone(), &landmarks, &inside);
             }
         }
         for (anchor, sweep) in sweeps {
@@ -290,6 +294,7 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         sweep: &Sweep<'a>,
         sweeps: impl Iterator<Item = (usize, Sweep<'a>)> + Clone,
         landmarks: &impl Fn(usize) -> L,
+        inside: &impl Fn([f32; 2], f32) -> f32,
     ) {
         let Some(direct) = landmarks(anchor).next() else { return };
         let mut after = 0.0;
@@ -311,7 +316,8 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
             for _ in 0..DIRECTIONS {
                 let variance_m2 = measurement.variance_m2 + sweep.bias_variance_m2 + of_height;
                 // Most arcs are out of reach of the prior.
-                if let Some(place) = self.on_arc(&direct, direction, radius, variance_m2) {
+                if let Some(mut place) = self.on_arc(&direct, direction, radius, variance_m2) {
+                    place.weight_ln += ln(larger(inside_of(&place.agent, inside), OUTSIDE));
                     for branch in &place.hear(sweeps.clone(), landmarks, Some((anchor, after))) {
                         self.offer(*branch);
                     }
@@ -463,6 +469,12 @@ impl<const ANCHORS: usize> Acquisition<ANCHORS> {
         self.earlier_m.iter().flatten().flatten().for_each(|range_m| f(*range_m));
         self.earlier_age_s.iter().flatten().for_each(|age_s| f(*age_s));
     }
+}
+
+/// Probability that a tag may be where this one is.
+fn inside_of(agent: &Agent, inside: &impl Fn([f32; 2], f32) -> f32) -> f32 {
+    let c = &agent.covariance;
+    inside([agent.mean.x, agent.mean.y], sqrt(larger(0.5 * (c.m11 + c.m22), 0.0)))
 }
 
 impl Place {
@@ -783,7 +795,7 @@ mod tests {
                 };
                 (anchor, sweep)
             });
-            acquisition.observe(sweeps, |anchor| {
+            let landmarks = |anchor: usize| {
                 core::iter::once(Landmark {
                     position_m: ANCHORS[anchor].map(|coordinate| size * coordinate),
                     covariance_m2: [0.0; 3],
@@ -791,7 +803,8 @@ mod tests {
                     height_std_m: 0.0,
                     detection: 0.95,
                 })
-            });
+            };
+            acquisition.observe(sweeps, landmarks, |_, _| 1.0);
         }
         acquisition
     }
@@ -865,7 +878,7 @@ mod tests {
             detection: 0.95,
         };
         for _ in 0..2 {
-            acquisition.observe(core::iter::once((0, sweep)), |_| core::iter::once(landmark));
+            acquisition.observe(core::iter::once((0, sweep)), |_| core::iter::once(landmark), |_, _| 1.0);
         }
         assert!(!acquisition.places.is_empty() && acquisition.newcomer_ln.is_finite());
     }

@@ -76,7 +76,7 @@ mod tests {
     use crate::perceptor::association::evidence::evidence_nat;
     use crate::perceptor::expectation::Expectation;
 
-    const CLUTTER: Clutter = Clutter { false_alarms_per_m: 1.0 / 30.0, all_per_m: 2.0 / 30.0 };
+    const CLUTTER: Clutter = Clutter { false_alarms_per_m: 1.0 / 30.0, all_per_m: 2.0 / 30.0, tail: 0.0 };
 
     fn expectation(range_m: f32) -> Expectation {
         Expectation { range_m, variance_m2: 0.0064, existence: 1.0, detection: 0.95 }

@@ -101,9 +101,10 @@ impl<const ANCHORS: usize> TagBelief<ANCHORS> {
         &mut self,
         sweeps: impl Iterator<Item = (usize, Sweep<'a>)> + Clone,
         landmarks: impl Fn(usize) -> L,
+        inside: impl Fn([f32; 2], f32) -> f32,
     ) -> Option<Agent> {
         let acquisition = self.acquisition.as_mut()?;
-        if !acquisition.observe(sweeps, landmarks) {
+        if !acquisition.observe(sweeps, landmarks, inside) {
             return None;
         }
         match acquisition.settled() {
