@@ -11,8 +11,11 @@ use crate::recording::Recording;
 use crate::reference::controller::Controller;
 use crate::reference::cycle::Intermediates;
 use crate::reference::{Capacity, Reference};
-use crate::replay::{ACTIONS, LARGE_ANCHORS, PATHS, SMALL_ANCHORS, Setup, Step, VAS, inputs, step};
-use cogmint_core::Tracker;
+use crate::replay::{
+    ACTIONS, LARGE_ANCHORS, PATHS, SEGMENTS, SMALL_ANCHORS, SOURCES, SURFACES, Setup, SizedTracker, Step,
+    inputs, step,
+};
+use cogmint_core::model::image::Sequence;
 use cogmint_core::model::measurement::Measurement;
 use cogmint_core::observer::Observer;
 use cogmint_core::perceptor::association::{Belief, Beliefs};
@@ -241,8 +244,15 @@ fn run<const A: usize>(
 
 /// The reference of a set-up, with the sizes of the core's type.
 fn twin<T: crate::reference::Real, const A: usize>(setup: &Setup) -> Reference<T> {
-    let capacity = Capacity { anchors: A, virtual_anchors: VAS, paths: PATHS, actions: ACTIONS };
-    Reference::new(setup.config, &setup.anchors, &setup.map, &setup.actions, setup.seed, capacity)
+    let capacity = Capacity {
+        anchors: A,
+        surfaces: SURFACES,
+        sources: SOURCES,
+        segments: SEGMENTS,
+        paths: PATHS,
+        actions: ACTIONS,
+    };
+    Reference::new(setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed, capacity)
 }
 
 fn distance(a: [f32; 2], b: [f64; 2]) -> f64 {
@@ -253,15 +263,15 @@ fn distance(a: [f32; 2], b: [f64; 2]) -> f64 {
 #[derive(Default)]
 struct Watch {
     estimates: Vec<(usize, ChannelEstimate<PATHS>)>,
-    scans: Vec<(usize, Vec<Measurement>, Beliefs<VAS, PATHS>)>,
+    scans: Vec<(usize, Vec<Measurement>, Beliefs<SOURCES, PATHS>)>,
 }
 
-impl Observer<VAS, PATHS> for Watch {
+impl Observer<SOURCES, PATHS> for Watch {
     fn estimate(&mut self, anchor: usize, estimate: &ChannelEstimate<PATHS>) {
         self.estimates.push((anchor, estimate.clone()));
     }
 
-    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
+    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<SOURCES, PATHS>) {
         self.scans.push((anchor, measurements.to_vec(), beliefs.clone()));
     }
 }
@@ -420,7 +430,7 @@ impl Comparison {
     fn beliefs(
         &mut self,
         anchor: usize,
-        core: &Beliefs<VAS, PATHS>,
+        core: &Beliefs<SOURCES, PATHS>,
         reference: &crate::reference::association::outcome::Outcome<f32>,
     ) {
         use cogmint_core::model::source::Source;
@@ -438,7 +448,7 @@ impl Comparison {
         for ((a, b), source) in features.into_iter().zip(&theirs.features).zip(sources) {
             let name = match source {
                 Source::Direct { anchor } => format!("direct path of anchor {anchor}"),
-                Source::Virtual { slot, .. } => format!("virtual anchor {slot}"),
+                Source::Virtual { slot, .. } => format!("source {slot}"),
             };
             self.float(stage, format_args!("belief that {name} was missed"), a.missed, b.missed);
             self.float(stage, format_args!("existence of {name}"), a.existence, b.existence);
@@ -453,7 +463,7 @@ impl Comparison {
     }
 
     /// All state after a cycle.
-    fn state<const A: usize>(&mut self, core: &Tracker<A, VAS, PATHS, ACTIONS>, reference: &Reference<f32>) {
+    fn state<const A: usize>(&mut self, core: &SizedTracker<A>, reference: &Reference<f32>) {
         let mut numbers = Vec::new();
         core.gain_control().iter().for_each(|control| control.visit(|value| numbers.push(value)));
         self.list("estimate", "gain control", &numbers, |f| visit_gain_control(reference, f));
@@ -462,21 +472,40 @@ impl Comparison {
         self.list("update", "the state filter", &numbers, |f| reference.filter.visit(f));
 
         let stage = "remember";
-        for slot in 0..VAS {
-            let (ours, theirs) = (core.environment().get(slot), &reference.environment.records[slot]);
-            let name = format_args!("presence of virtual anchor {slot}");
+        for slot in 0..SURFACES {
+            let (ours, theirs) = (core.environment().surface(slot), &reference.environment.surfaces[slot]);
+            let name = format_args!("presence of surface {slot}");
             self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
             if let (Some(a), Some(b)) = (ours, theirs) {
-                self.count(stage, format_args!("anchor of virtual anchor {slot}"), a.anchor, b.anchor);
-                self.float(
-                    stage,
-                    format_args!("kept existence of virtual anchor {slot}"),
-                    a.existence,
-                    b.existence,
-                );
-                self.count(stage, format_args!("hits of virtual anchor {slot}"), a.hits, b.hits);
+                self.float(stage, format_args!("existence of surface {slot}"), a.existence, b.existence);
+                let name = format_args!("whether a plan tells of surface {slot}");
+                self.count(stage, name, u64::from(a.is_told), u64::from(b.is_told));
             }
         }
+        for slot in 0..SOURCES {
+            let (ours, theirs) = (core.environment().get(slot), &reference.environment.sources[slot]);
+            let name = format_args!("presence of source {slot}");
+            self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
+            if let (Some(a), Some(b)) = (ours, theirs) {
+                self.count(stage, format_args!("anchor of source {slot}"), a.anchor, b.anchor);
+                for (name, a, b) in [
+                    ("first surface", u32::from(a.sequence.first), u32::from(b.sequence.first)),
+                    ("second surface", second_or_none(&a.sequence), second_or_none(&b.sequence)),
+                    (
+                        "either order",
+                        u32::from(a.sequence.is_either_order),
+                        u32::from(b.sequence.is_either_order),
+                    ),
+                    ("sighting", is_hidden(a.sighting), is_hidden(b.sighting)),
+                    ("hits", a.hits, b.hits),
+                ] {
+                    self.count(stage, format_args!("{name} of source {slot}"), a, b);
+                }
+            }
+        }
+        numbers.clear();
+        core.transmission().visit(|value| numbers.push(value));
+        self.list(stage, "the transmission memory", &numbers, |f| reference.transmission.visit(f));
         numbers.clear();
         core.channel().visit(|value| numbers.push(value));
         self.list(stage, "the channel memory", &numbers, |f| reference.channel.visit(f));
@@ -572,6 +601,16 @@ impl Comparison {
     }
 }
 
+/// The second surface of a sequence, as the hash takes it.
+fn second_or_none(sequence: &Sequence) -> u32 {
+    sequence.second.map_or(u32::MAX, u32::from)
+}
+
+/// A sighting, as the hash takes it.
+fn is_hidden(sighting: Sighting) -> u32 {
+    u32::from(sighting == Sighting::Hidden)
+}
+
 fn visit_gain_control(reference: &Reference<f32>, f: &mut dyn FnMut(fmt::Arguments<'_>, f32)) {
     for (anchor, control) in reference.receiver.gain_control.iter().enumerate() {
         control.visit(anchor, f);
@@ -591,10 +630,15 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     for (slot, record) in reference.environment.in_use() {
         hash.word(slot as u32);
         hash.word(record.anchor as u32);
-        hash.float(record.existence);
-        hash.word(u32::from(record.sighting == Sighting::Hidden));
+        hash.word(u32::from(record.sequence.first));
+        hash.word(second_or_none(&record.sequence));
+        hash.word(is_hidden(record.sighting));
         hash.word(record.hits);
     }
+    for surface in &reference.environment.surfaces {
+        hash.float(surface.map_or(-1.0, |record| record.existence));
+    }
+    reference.transmission.visit(&mut |_, value| hash.float(value));
     reference.channel.visit(&mut |_, value| hash.float(value));
     reference.discovery.visit(&mut |_, value| hash.float(value));
     hash.word(u32::from(reference.belief.acquisition.is_some()));
@@ -653,13 +697,13 @@ fn decision_difference(
             return Some(format!("number of candidates of anchor {anchor}"));
         }
     }
-    for slot in 0..VAS {
+    for slot in 0..SOURCES {
         let [a, b] = [
-            single.environment.records[slot].map(|record| record.anchor),
-            double.environment.records[slot].map(|record| record.anchor),
+            single.environment.sources[slot].map(|record| (record.anchor, record.sequence)),
+            double.environment.sources[slot].map(|record| (record.anchor, record.sequence)),
         ];
         if a != b {
-            return Some(format!("virtual anchor in slot {slot}"));
+            return Some(format!("source in slot {slot}"));
         }
     }
     let ours = single.controllers.all.iter().map(|controller| controller.action);
@@ -984,7 +1028,7 @@ mod tests {
                 step(&mut tracker, &input, &mut ()).unwrap();
                 for (slot, mapped) in setup.map.iter().enumerate() {
                     // Forgotten once nothing reflects any more.
-                    let Some((mean, covariance)) = tracker.filter().virtual_anchor(slot) else { continue };
+                    let Some((mean, covariance)) = tracker.image(slot) else { continue };
                     held &= [mean.x, mean.y] == mapped.position_m && covariance.norm() == 0.0;
                 }
             }
@@ -1131,7 +1175,7 @@ mod tests {
             recording.start.velocity_std_m_s = 1.0;
             recording.association.detection_probability = detection_probability;
             recording.virtual_anchors.clear();
-            for n in 0..VAS {
+            for n in 0..SURFACES {
                 // The first is 0.2 m off a true one, the others are nowhere near any.
                 let position_m = if n == 0 { [0.5, 10.6] } else { [-8.0 + 0.2 * n as f64, -3.0] };
                 let known = VirtualAnchor::new(n % 2, position_m, 1e-3, true);

@@ -8,8 +8,10 @@ use cogmint_core::Anchor;
 pub struct Listed {
     /// Anchor.
     pub anchor: usize,
-    /// Walls.
-    pub walls: [Option<usize>; 2],
+    /// First.
+    pub first: usize,
+    /// Second.
+    pub second: Option<usize>,
     /// Order.
     pub is_either_order: bool,
 }

@@ -43,11 +43,12 @@ impl<T: Real> Start<'_, T> {
         let max_range_m = T::of(config.ranging.max_range_m);
         let listed = list(plan, anchors, told.reflections, max_range_m, free_surfaces, self.environment.sources.len());
         for source in listed.into_iter().take(most) {
-            let mut surfaces = [None; 2];
-            for (surface, wall) in surfaces.iter_mut().zip(source.walls) {
-                *surface = wall.and_then(|wall| self.surface_of(plan, wall, config.exact_map));
+            let Some(first) = self.surface_of(plan, source.first, config.exact_map) else { continue };
+            let second = source.second.map(|wall| self.surface_of(plan, wall, config.exact_map));
+            if second == Some(None) {
+                continue;
             }
-            let [Some(first), second] = surfaces else { continue };
+            let second = second.flatten();
             let Some(slot) = self.environment.free_slot() else { break };
             let sequence = Sequence { first, second, is_either_order: source.is_either_order };
             self.environment.insert(slot, source.anchor, sequence, 0);
