@@ -2,16 +2,21 @@
 
 use crate::input_error::InputError;
 use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
+use crate::told_plan::ToldPlan;
 use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::observer::Observer;
 use cogmint_core::radio::library::Action;
 use cogmint_core::radio::pulse::PulseShape;
-use cogmint_core::{Anchor, Config, CycleReport, Error, MappedVirtualAnchor, Setting, Tracker, Variant};
+use cogmint_core::{Anchor, Config, CycleReport, Error, Map, MappedVirtualAnchor, Setting, Tracker, Variant};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-/// Virtual anchors of every tracker on the host.
-pub const VAS: usize = 24;
+/// Surfaces of every tracker on the host.
+pub const SURFACES: usize = 24;
+/// Images.
+pub const SOURCES: usize = 24;
+/// Segments of walls, and corners of the outline.
+pub const SEGMENTS: usize = 64;
 /// Paths per anchor.
 pub const PATHS: usize = 16;
 /// Actions.
@@ -22,9 +27,11 @@ pub const SMALL_ANCHORS: usize = 2;
 pub const LARGE_ANCHORS: usize = 8;
 
 /// The tracker of the target: two anchors.
-pub type SmallTracker = Tracker<SMALL_ANCHORS, VAS, PATHS, ACTIONS>;
+pub type SmallTracker = SizedTracker<SMALL_ANCHORS>;
 /// The tracker for up to eight anchors.
-pub type LargeTracker = Tracker<LARGE_ANCHORS, VAS, PATHS, ACTIONS>;
+pub type LargeTracker = SizedTracker<LARGE_ANCHORS>;
+/// A tracker of the host for up to `A` anchors.
+pub type SizedTracker<const A: usize> = Tracker<A, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>;
 
 /// Time before the first cycle: the start prior is about its very moment, and time must advance.
 const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;
@@ -81,8 +88,10 @@ pub struct Setup {
     pub config: Config,
     /// The anchors.
     pub anchors: Vec<Anchor>,
-    /// Virtual anchors known a priori.
+    /// Virtual anchors known a priori whose walls are not.
     pub map: Vec<MappedVirtualAnchor>,
+    /// The floor plan, from which the others follow.
+    pub plan: Option<ToldPlan>,
     /// The action library.
     pub actions: Vec<Action>,
     /// Seed of the tracker's randomness.
@@ -109,9 +118,14 @@ impl Setup {
             let reason = format!("has {} entries, the tracker holds {ACTIONS}", recording.actions.len());
             return refuse("actions", reason);
         }
-        let known: Vec<_> = recording.virtual_anchors.iter().filter(|va| va.known).collect();
-        if known.len() > VAS {
-            let reason = format!("has {} known entries, the tracker holds {VAS}", known.len());
+        let known: Vec<_> = recording
+            .virtual_anchors
+            .iter()
+            .filter(|va| va.known && (va.walls.is_empty() || recording.plan.is_none()))
+            .collect();
+        let most = SURFACES.min(SOURCES);
+        if known.len() > most {
+            let reason = format!("has {} known entries, the tracker holds {most}", known.len());
             return refuse("virtual_anchors", reason);
         }
         let mut config = Config::default();
@@ -167,6 +181,7 @@ impl Setup {
                     std_m: va.std_m as f32,
                 })
                 .collect(),
+            plan: recording.plan.as_ref().map(ToldPlan::new),
             actions,
             seed: seed.unwrap_or(1),
         };
@@ -191,7 +206,7 @@ impl Setup {
             TrackerVariant::Core(variant) => variant,
             TrackerVariant::Direct => return Ok(self.without_reflections()),
         };
-        if variant == Variant::Conventional && self.map.is_empty() {
+        if variant == Variant::Conventional && !self.tells_images() {
             let reason =
                 "has no known entry, and the conventional variant finds none itself: it needs a floor plan";
             return Err(InputError::new(folder.join(META_FILE), reason).for_item("virtual_anchors"));
@@ -209,15 +224,26 @@ impl Setup {
         self.config = self.config.with_variant(Variant::Soft);
         self.config.discovery = false;
         self.map.clear();
+        self.plan = None;
         self
+    }
+
+    /// Whether the tracker is told of any reflection.
+    pub fn tells_images(&self) -> bool {
+        !self.map.is_empty() || self.plan.is_some()
+    }
+
+    /// What the core is told of the surroundings.
+    pub fn told(&self) -> Map<'_> {
+        Map { virtual_anchors: &self.map, plan: self.plan.as_ref().map(ToldPlan::plan) }
     }
 
     /// A fresh tracker of capacity `ANCHORS`.
     ///
     /// # Errors
     /// What the core refuses.
-    pub fn tracker<const A: usize>(&self) -> Result<Tracker<A, VAS, PATHS, ACTIONS>, Error> {
-        Tracker::new(self.config, &self.anchors, &self.map, &self.actions, self.seed)
+    pub fn tracker<const A: usize>(&self) -> Result<SizedTracker<A>, Error> {
+        Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed)
     }
 }
 
@@ -254,6 +280,7 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
             }
             _ => return InputError::new(folder.join(META_FILE), error.to_string()),
         },
+        Error::PlanSize { .. } => (META_FILE, "plan", "64 walls, segments and corners at most"),
         Error::Geometry { .. } if anchors_out_of_reach => {
             (META_FILE, "anchors", "positions within 1e4 m, heights within 1e3 m")
         }
@@ -393,9 +420,9 @@ pub struct Step {
 /// # Errors
 /// The core refuses even the empty cycle: its time or height is wrong.
 pub fn step<const A: usize>(
-    tracker: &mut Tracker<A, VAS, PATHS, ACTIONS>,
+    tracker: &mut SizedTracker<A>,
     input: &CycleInput<'_>,
-    mut observer: &mut dyn Observer<VAS, PATHS>,
+    mut observer: &mut dyn Observer<SOURCES, PATHS>,
 ) -> Result<Step, Error> {
     let observations = input.observations();
     let begin = std::time::Instant::now();
@@ -421,7 +448,7 @@ mod tests {
     fn most_held(setup: &Setup, recording: &Recording) -> (usize, Vec<f32>) {
         let mut tracker = setup.tracker::<SMALL_ANCHORS>().expect("it starts");
         let held = |tracker: &SmallTracker| {
-            let filtered = (0..VAS).filter(|slot| tracker.filter().virtual_anchor(*slot).is_some()).count();
+            let filtered = (0..SURFACES).filter(|slot| tracker.filter().surface(*slot).is_some()).count();
             filtered.max(tracker.environment().iter().count())
         };
         let mut most = held(&tracker);

@@ -127,14 +127,14 @@ fn run<const A: usize>(
     let virtual_anchors: Vec<MappedVirtualAnchor> = tracker
         .environment()
         .iter()
-        .filter(|(_, record)| record.existence > CONFIRMED)
+        .filter(|(slot, _)| tracker.environment().existence(*slot) > CONFIRMED)
         .filter_map(|(slot, record)| {
-            let (a, c) = tracker.filter().virtual_anchor(slot)?;
+            let (a, c) = tracker.image(slot)?;
             Some(MappedVirtualAnchor {
                 anchor: record.anchor,
                 position_m: [a.x, a.y].map(f64::from),
                 covariance_m2: [c.m11, c.m21, c.m22].map(f64::from),
-                existence: f64::from(record.existence),
+                existence: f64::from(tracker.environment().existence(slot)),
             })
         })
         .collect();

@@ -9,7 +9,7 @@ use heapless::Vec;
 /// Capacity: reflections of a source at most.
 pub const MOST_REFLECTIONS: usize = 2;
 /// Guard: against a wall without a direction: shortest segment, metres.
-const SHORTEST_M: f32 = 0.01;
+const SHORTEST_M: f32 = 1e-3;
 /// Guard: against a wall that is no line: segments lie within this of it, metres. Plans are told to the millimetre.
 const OFF_LINE_M: f32 = 0.01;
 
@@ -162,8 +162,9 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
         self.walls.iter().position(|wall| wall.surface.map(usize::from) == Some(surface))
     }
 
-    /// The middle of the outline's box, or of the walls' where there is no outline, metres.
-    pub fn middle_m(&self) -> [f32; 2] {
+    /// The box of the outline, or of the walls where there is no outline: its lower left and upper right corners, metres;
+    /// infinite and the wrong way round where there is neither.
+    pub fn box_m(&self) -> [[f32; 2]; 2] {
         let mut low = [f32::INFINITY; 2];
         let mut high = [f32::NEG_INFINITY; 2];
         let mut cover = |[x, y]: [f32; 2]| {
@@ -171,12 +172,21 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
             low = [smaller(left, x), smaller(bottom, y)];
             high = [larger(right, x), larger(top, y)];
         };
+        self.outline_m.iter().for_each(|corner_m| cover(*corner_m));
         if self.outline_m.is_empty() {
-            self.walls.iter().for_each(|wall| cover(wall.line.centre_m));
-        } else {
-            self.outline_m.iter().for_each(|corner_m| cover(*corner_m));
+            for Wall { line, half_length_m, .. } in &self.walls {
+                let ([x, y], [tx, ty]) = (line.centre_m, line.tangent());
+                let (dx, dy) = (half_length_m * tx, half_length_m * ty);
+                cover([x - dx, y - dy]);
+                cover([x + dx, y + dy]);
+            }
         }
-        let ([left, bottom], [right, top]) = (low, high);
+        [low, high]
+    }
+
+    /// The middle of that box, metres.
+    pub fn middle_m(&self) -> [f32; 2] {
+        let [[left, bottom], [right, top]] = self.box_m();
         [0.5 * (left + right), 0.5 * (bottom + top)]
     }
 

@@ -46,11 +46,16 @@ pub(super) fn enter_plan<
     let room = SOURCES.saturating_sub(environment.iter().count()).min(told.most_sources);
     let listed =
         list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, config.ranging.max_range_m, free_surfaces);
-    for Listed { anchor, walls, is_either_order, .. } in listed.into_iter().take(room) {
-        let [first, second] = walls.map(|wall| {
-            wall.and_then(|wall| surface_of(filter, environment, plan, usize::from(wall), config.exact_map))
-        });
-        let Some(first) = first else { continue };
+    for Listed { anchor, first, second, is_either_order, .. } in listed.into_iter().take(room) {
+        let mut surface = |wall: usize| surface_of(filter, environment, plan, wall, config.exact_map);
+        let Some(first) = surface(first) else { continue };
+        let second = match second {
+            None => None,
+            Some(second) => {
+                let Some(second) = surface(second) else { continue };
+                Some(second)
+            }
+        };
         let Some(slot) = environment.free_slot() else { break };
         environment.insert(slot, anchor, Sequence { first, second, is_either_order }, 0);
     }

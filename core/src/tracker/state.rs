@@ -8,7 +8,7 @@ use crate::controller::Controller;
 use crate::error::Error;
 use crate::memory::channel::ChannelMemory;
 use crate::memory::discovery::Discovery;
-use crate::memory::environment::EnvironmentMemory;
+use crate::memory::environment::{EnvironmentMemory, Placed};
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::measurement::Measurement;
@@ -93,6 +93,29 @@ impl<
     /// The environment memory.
     pub fn environment(&self) -> &EnvironmentMemory<SURFACES, SOURCES> {
         &self.environment
+    }
+
+    /// Where the image of the source in `slot` is expected, metres, and the covariance of that, square metres; `None` for a
+    /// free slot.
+    pub fn image(&self, slot: usize) -> Option<Placed> {
+        let record = self.environment.get(slot)?;
+        self.filter.placed(self.anchors.get(record.anchor)?.position_m, &record.sequence)
+    }
+
+    /// Probability that the plan lets the path of a source through to a place (metres) that is known as well as the tag's is;
+    /// 1 without a plan, 0 for a source that there is not.
+    pub fn availability(&self, source: Source, place_m: [f32; 2]) -> f32 {
+        let Self { anchors, plan, filter, environment, channel, clutter, .. } = self;
+        let walls = &walls_now(plan, filter, environment, &self.transmission);
+        let known = Known { filter, environment, channel, clutter, plan, walls };
+        let place = Place { position_m: place_m, std_m: Place::of(&filter.agent()).std_m };
+        let Some(anchor) = anchors.get(source.anchor()) else { return 0.0 };
+        match source {
+            Source::Direct { .. } => walls.direct(anchor.position_m, place_m, place.std_m),
+            Source::Virtual { slot, .. } => environment
+                .get(slot)
+                .map_or(0.0, |record| known.available(anchor.position_m, &record.sequence, &place).0),
+        }
     }
 
     /// The floor plan told.

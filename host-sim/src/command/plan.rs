@@ -102,18 +102,17 @@ fn print_table(export: &Export, remark: &str) {
             ));
         }
     }
-    print("\nsource  anchor    walls      x_m      y_m    std_m  seen_share  usefulness_nat");
+    print("\nsource  anchor    walls      x_m      y_m    std_m  seen_share");
     let figure = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.2}"));
     for (index, source) in export.sources.iter().enumerate() {
         let walls: Vec<String> = source.walls.iter().map(|wall| wall.to_string()).collect();
         let walls = if walls.is_empty() { "-".into() } else { walls.join(" ") };
-        let ([x, y], share, nat) = (source.position_m, source.seen_share, source.usefulness_nat);
+        let ([x, y], share) = (source.position_m, source.seen_share);
         print(&format!(
-            "{index:>6} {:>7} {walls:>8} {x:>8.3} {y:>8.3} {:>8.3} {:>11} {:>15}",
+            "{index:>6} {:>7} {walls:>8} {x:>8.3} {y:>8.3} {:>8.3} {:>11}",
             source.anchor,
             source.std_m,
-            figure(share),
-            figure(nat)
+            figure(share)
         ));
     }
 }

@@ -31,9 +31,6 @@ pub struct Source {
     pub position_m: [f64; 2],
     /// Standard deviation of that per axis, metres.
     pub std_m: f64,
-    /// Usefulness over the outline, nat; a recording does not keep it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub usefulness_nat: Option<f64>,
     /// Share of the outline from which it is seen; a recording does not keep it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seen_share: Option<f64>,
@@ -56,7 +53,6 @@ impl Export {
             walls: source.walls,
             position_m: source.position_m,
             std_m: source.std_m,
-            usefulness_nat: Some(source.usefulness_nat),
             seen_share: Some(source.seen_share),
         };
         Ok(Self {
@@ -75,7 +71,6 @@ impl Export {
             walls: va.walls,
             position_m: va.told_position_m.unwrap_or(va.position_m),
             std_m: va.std_m,
-            usefulness_nat: None,
             seen_share: None,
         });
         Self {

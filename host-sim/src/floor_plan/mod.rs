@@ -1,8 +1,8 @@
 //! The floor plan that a tracker is told, and which virtual anchors follow from it.
 //!
 //! What a user has is a plan: walls, more or less right, and anchors. [`told`] makes of that what a device is told,
-//! without any way through the room: walls with deviations, and the sources that are most useful over the outline
-//! ([`usefulness`]), each with the image and the deviation that follow from its walls ([`sources`]). In a simulation each
+//! without any way through the room: walls with deviations, and the sources that the core lists of them
+//! ([`cogmint_core::model::listing`]), each with the image and the deviation that follow from its walls ([`sources`]). In a simulation each
 //! wall has an error ([`walls`]), drawn from the seed, so that all images in a wall err together.
 //!
 //! The published experiments have it otherwise ([`along_way`]): virtual anchors by their strength along the true way, each
@@ -13,18 +13,17 @@
 pub mod along_way;
 pub mod export;
 pub mod sources;
-pub mod usefulness;
 pub mod walls;
 
 use crate::channel::random::{Purpose, normal, stream};
-use crate::channel::wall::Slab;
 use crate::channel::{Channel, structure};
-use crate::geometry::{Wall, distance_m};
+use crate::geometry::distance_m;
 use crate::input_error::InputError;
-use crate::recording::{Plan, PlanWall, VirtualAnchor, WallSequence};
+use crate::recording::{MAX_SEQUENCE, Plan, PlanWall, VirtualAnchor, WallSequence};
+use crate::replay::{SEGMENTS, SOURCES, SURFACES};
 use crate::scenario::{self, Construction, Room, Scenario, Told, construction};
+use cogmint_core::model::listing::{Listed, list};
 use serde::Serialize;
-use usefulness::Prediction;
 
 /// An image of a wrong plan stands for the room's image of the same order within this distance, metres.
 const MATCH_M: f64 = 1.5;
@@ -66,8 +65,6 @@ pub struct ToldSource {
     pub position_m: [f64; 2],
     /// Standard deviation per axis that follows from the walls' deviations, metres.
     pub std_m: f64,
-    /// Usefulness over the outline, nat.
-    pub usefulness_nat: f64,
     /// Share of the outline from which it is seen.
     pub seen_share: f64,
 }
@@ -80,7 +77,7 @@ pub struct ToldSource {
 /// # Errors
 /// A wall's construction is unknown.
 pub fn told(scenario: &Scenario, seed: Option<u64>) -> Result<ToldPlan, InputError> {
-    Ok(Drawn::new(scenario, seed)?.told(scenario))
+    Drawn::new(scenario, seed)?.told(scenario)
 }
 
 /// The virtual anchors of a channel's recordings, and the plan that they tell.
@@ -93,7 +90,7 @@ pub fn of(channel: &Channel) -> Result<FloorPlan, InputError> {
         return along_way::of(channel);
     }
     let drawn = Drawn::new(channel.scenario(), Some(channel.seed()))?;
-    let ToldPlan { plan, sources } = drawn.told(channel.scenario());
+    let ToldPlan { plan, sources } = drawn.told(channel.scenario())?;
     let mut listed = Vec::new();
     let mut index_of: Vec<Vec<Option<usize>>> = (0..channel.scenario().anchors.len())
         .map(|anchor| vec![None; channel.images(anchor).len()])
@@ -131,9 +128,6 @@ struct Drawn {
     nominal: Vec<PlanWall>,
     /// As it is told.
     told: Plan,
-    /// Construction of each segment, counting `slabs`.
-    constructions: Vec<usize>,
-    slabs: Vec<Slab>,
     /// Wall of the plan that each wall of the room belongs to; none for absorbers.
     wall_of: Vec<Option<usize>>,
 }
@@ -142,14 +136,13 @@ impl Drawn {
     fn new(scenario: &Scenario, seed: Option<u64>) -> Result<Self, InputError> {
         let settings = &scenario.prior.floor_plan;
         let room = settings.room.as_ref().unwrap_or(&scenario.room);
-        let (room_walls, slabs) = structure(scenario, room)?;
+        let (room_walls, _) = structure(scenario, room)?;
         let names = scenario::walls(room);
         let kept: Vec<usize> =
             (0..names.len()).filter(|&index| !swallows_all(scenario, names[index].1)).collect();
         let segments_m: Vec<[[f64; 2]; 2]> = kept.iter().map(|&index| room_walls[index].ends_m).collect();
         let mut nominal: Vec<PlanWall> = Vec::new();
         let mut told: Vec<PlanWall> = Vec::new();
-        let mut constructions = Vec::new();
         let mut wall_of = vec![None; names.len()];
         let mut told_ends_m = vec![None; names.len()];
         for (index, of) in walls::collinear(&segments_m).into_iter().enumerate() {
@@ -166,7 +159,6 @@ impl Drawn {
             for (&segment, &ends_m) in of.iter().zip(&moved.segments_m) {
                 wall_of[kept[segment]] = Some(index);
                 told_ends_m[kept[segment]] = Some(ends_m);
-                constructions.push(room_walls[kept[segment]].construction);
             }
             nominal.push(wall);
             told.push(moved);
@@ -174,40 +166,43 @@ impl Drawn {
         Ok(Self {
             is_other_room: settings.room.is_some(),
             nominal,
-            told: Plan { outline_m: outline_m(room, &told_ends_m), walls: told },
-            constructions,
-            slabs,
+            told: Plan {
+                outline_m: outline_m(room, &told_ends_m),
+                turn_std_rad: if settings.exact { 0.0 } else { settings.turn_std_deg.to_radians() },
+                reflections: scenario.propagation.reflection_order.min(MAX_SEQUENCE),
+                most_sources: settings.max_virtual_anchors,
+                walls: told,
+            },
             wall_of,
         })
     }
 
-    /// What is told of it.
-    fn told(&self, scenario: &Scenario) -> ToldPlan {
+    /// What is told of it: the sources that the core lists, of the plan alone.
+    fn told(&self, scenario: &Scenario) -> Result<ToldPlan, InputError> {
         let walls = &self.told.walls;
-        let segments: Vec<Wall> = walls::segments(walls)
-            .into_iter()
-            .zip(&self.constructions)
-            .map(|(segment, &construction)| Wall { construction, ..segment })
-            .collect();
-        let prediction = Prediction::new(scenario, &segments, &self.slabs);
-        let places_m = usefulness::places_m(&self.told.outline_m);
-        let mut sources = Vec::new();
-        for (index, anchor) in scenario.anchors.iter().enumerate() {
-            let found = sources::candidates(walls, anchor.position_m, scenario.propagation.reflection_order);
-            let useful = prediction.usefulness(anchor, &found, &places_m);
-            sources.extend(useful.into_iter().flatten().map(|useful| ToldSource {
-                anchor: index,
-                walls: useful.walls,
-                position_m: sources::image_m(walls, useful.walls, anchor.position_m),
-                std_m: sources::std_m(walls, useful.walls, anchor.position_m),
-                usefulness_nat: useful.nat,
-                seen_share: useful.seen_share,
-            }));
-        }
-        // Stable: equal ones stay by anchor, order and walls.
-        sources.sort_by(|a, b| b.usefulness_nat.total_cmp(&a.usefulness_nat));
-        sources.truncate(scenario.prior.floor_plan.max_virtual_anchors);
-        ToldPlan { plan: self.told.clone(), sources }
+        let refused = |error: cogmint_core::Error| InputError::new(&scenario.name, error.to_string());
+        let kept = crate::told_plan::ToldPlan::new(&self.told).kept::<SEGMENTS>().map_err(refused)?;
+        let anchor = |anchor: &scenario::Anchor| cogmint_core::Anchor {
+            position_m: anchor.position_m.map(|x| x as f32),
+            height_m: anchor.height_m as f32,
+        };
+        let anchors: Vec<_> = scenario.anchors.iter().map(anchor).collect();
+        let longest_m = scenario.prior.max_range_m as f32;
+        let listed = list::<SEGMENTS, SOURCES>(&kept, &anchors, self.told.reflections, longest_m, SURFACES);
+        let of = |listed: Listed| {
+            let sequence: Vec<usize> = std::iter::once(listed.first).chain(listed.second).collect();
+            let walls_met = WallSequence::new(&sequence).unwrap_or_default();
+            let anchor_m = scenario.anchors[listed.anchor].position_m;
+            ToldSource {
+                anchor: listed.anchor,
+                walls: walls_met,
+                position_m: sources::image_m(walls, walls_met, anchor_m),
+                std_m: sources::std_m(walls, walls_met, anchor_m),
+                seen_share: f64::from(listed.seen_share),
+            }
+        };
+        let sources = listed.into_iter().take(self.told.most_sources).map(of).collect();
+        Ok(ToldPlan { plan: self.told.clone(), sources })
     }
 
     /// Where a told image really is, which image of the channel it is, and whether it is there at all. What stands for

@@ -8,8 +8,8 @@ use cogmint_core::radio::pulse::PULSE_SAMPLES;
 
 use super::{
     Anchor, Angles, Cycle, LINE_TOLERANCE_M, MAX_ANCHORS, MAX_ANTENNAS, MAX_CYCLES, MAX_FRAMES,
-    MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_RANGES, MAX_SAMPLES, MAX_TRUTH_PATHS, Motion, Plan, Recording,
-    SampledPulse, Samples,
+    MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_RANGES, MAX_SAMPLES, MAX_SEQUENCE, MAX_TRUTH_PATHS, Motion, Plan,
+    Recording, SampledPulse, Samples,
 };
 
 /// What is wrong with a recording and where.
@@ -128,6 +128,11 @@ fn check_plan(plan: &Plan) -> Result<(), Fault> {
     }
     for &coordinate_m in plan.outline_m.as_flattened() {
         check_key("plan.outline_m", coordinate_m, POSITION)?;
+    }
+    check_key("plan.turn_std_rad", plan.turn_std_rad, from_to(0.0, 1.0))?;
+    if plan.reflections > MAX_SEQUENCE {
+        return Err(Fault::key("plan.reflections", format!("is {}", plan.reflections))
+            .allowed(format!("at most {MAX_SEQUENCE}")));
     }
     if plan.walls.len() > MAX_PLAN_WALLS {
         return Err(Fault::key("plan.walls", format!("has {} entries", plan.walls.len()))

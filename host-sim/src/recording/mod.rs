@@ -48,7 +48,8 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::input_error::InputError;
 pub use plan::{
-    LINE_TOLERANCE_M, MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_SEQUENCE, Plan, PlanWall, WallSequence,
+    LINE_TOLERANCE_M, MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_SEQUENCE, Plan, PlanWall, USUAL_TURN_STD_DEG,
+    WallSequence,
 };
 
 /// The version of the format that this crate reads and writes: the key `format` of `recording.toml`.
@@ -461,6 +462,9 @@ pub(crate) mod tests {
             walls: vec![[[0.0, 0.0], [6.0, 0.5]]],
             plan: Some(Plan {
                 outline_m: vec![[0.0, 0.0], [6.0, 0.0], [6.0, 9.0]],
+                turn_std_rad: 0.02,
+                reflections: 1,
+                most_sources: 12,
                 walls: vec![
                     PlanWall {
                         segments_m: vec![[[0.0, 0.0], [2.0, 0.0]], [[3.0, 0.0], [6.0, 0.0]]],

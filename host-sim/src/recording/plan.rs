@@ -2,6 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+/// As well as a plan is laid over a survey, degrees.
+pub const USUAL_TURN_STD_DEG: f64 = 0.5;
+/// Sources that are listed of a plan which says nothing else.
+pub const USUAL_SOURCES: usize = 24;
 /// No plan has more walls than this.
 pub const MAX_PLAN_WALLS: usize = 400;
 /// No wall of a plan has more segments than this, and no outline more corners.
@@ -17,9 +21,30 @@ pub const LINE_TOLERANCE_M: f64 = 1e-3;
 pub struct Plan {
     /// Corners of the outline in order, either way round, in metres: the tag is inside.
     pub outline_m: Vec<[f64; 2]>,
+    /// Standard deviation of the angle by which the plan as a whole may be turned, in radians.
+    #[serde(default = "usual_turn_std_rad")]
+    pub turn_std_rad: f64,
+    /// Reflections per path that sources are listed for.
+    #[serde(default = "usual_reflections")]
+    pub reflections: usize,
+    /// Sources that are listed at most.
+    #[serde(default = "usual_most_sources")]
+    pub most_sources: usize,
     /// The walls, those of the outline among them.
     #[serde(default)]
     pub walls: Vec<PlanWall>,
+}
+
+fn usual_turn_std_rad() -> f64 {
+    USUAL_TURN_STD_DEG.to_radians()
+}
+
+fn usual_reflections() -> usize {
+    MAX_SEQUENCE
+}
+
+fn usual_most_sources() -> usize {
+    USUAL_SOURCES
 }
 
 /// A wall of a plan: collinear segments that are shifted and turned together.

@@ -12,6 +12,7 @@ mod way;
 use crate::channel::{REFERENCE_HZ, SPEED_OF_LIGHT_M_S, friis, power_of};
 use crate::geometry::{Wall, distance_m};
 use crate::input_error::InputError;
+use crate::recording::USUAL_TURN_STD_DEG;
 use crate::scenario::{
     self, Anchor, Antenna, DenseMultipath, Errors, FORMAT, Fading, FloorPlan, Interference, Library, Log,
     LostFrames, NamedLibrary, Noise, ObstructedPaths, Obstruction, Part, Pattern, Person, Position, Prior,
@@ -616,6 +617,7 @@ fn told_plan(seed: u64, plan: Plan, room: &scenario::Room) -> FloorPlan {
         higher_order_std_m: 2.0 * first_order_std_m,
         wall_offset_std_m: Some(offset_std_m),
         wall_rotation_std_deg: rotation_std_deg,
+        turn_std_deg: USUAL_TURN_STD_DEG,
         ..FloorPlan::default()
     };
     match plan {

@@ -13,6 +13,7 @@ mod radio;
 mod read;
 mod schema;
 
+use crate::recording::USUAL_TURN_STD_DEG;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -866,6 +867,9 @@ pub struct FloorPlan {
     /// Standard deviation of the rotation of a wall about its centre, degrees.
     #[schemars(range(min = 0.0, max = 45.0))]
     pub wall_rotation_std_deg: f64,
+    /// Standard deviation of the angle by which the plan as a whole may be turned, degrees.
+    #[schemars(range(min = 0.0, max = 45.0))]
+    pub turn_std_deg: f64,
     /// Standard deviation of virtual anchors of first order per axis, metres, where each has an error of its own.
     #[schemars(range(min = 1e-4, max = 100.0))]
     pub first_order_std_m: f64,
@@ -889,6 +893,7 @@ impl Default for FloorPlan {
             told: Told::Walls,
             wall_offset_std_m: None,
             wall_rotation_std_deg: 0.5,
+            turn_std_deg: USUAL_TURN_STD_DEG,
             first_order_std_m: 0.1,
             higher_order_std_m: 0.2,
             max_virtual_anchors: 24,

@@ -11,7 +11,7 @@
 //!
 //! Source: Bar-Shalom, Li, Kirubarajan 2001, section 5.4.
 
-use crate::replay::{PATHS, VAS};
+use crate::replay::{PATHS, SOURCES};
 use cogmint_core::model::measurement::Measurement;
 use cogmint_core::model::range::Regression;
 use cogmint_core::observer::Observer;
@@ -87,7 +87,7 @@ impl Innovations {
     }
 }
 
-impl Observer<VAS, PATHS> for Innovations {
+impl Observer<SOURCES, PATHS> for Innovations {
     fn expectations(&mut self, _anchor: usize, direct: &Regression, virtual_anchors: &[Regression]) {
         let expected = |line: &Regression| Expected {
             range_m: f64::from(line.range_m),
@@ -96,7 +96,7 @@ impl Observer<VAS, PATHS> for Innovations {
         self.expected = std::iter::once(direct).chain(virtual_anchors).map(expected).collect();
     }
 
-    fn beliefs(&mut self, _anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
+    fn beliefs(&mut self, _anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<SOURCES, PATHS>) {
         for (expected, belief) in std::mem::take(&mut self.expected).into_iter().zip(beliefs.features()) {
             for (measurement, probability) in measurements.iter().zip(&belief.associated) {
                 self.enter(expected, measurement, f64::from(*probability));

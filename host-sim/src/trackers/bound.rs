@@ -61,7 +61,7 @@ pub fn frames(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Ve
         }
     }
     let walls_of = |index: usize| !recording.virtual_anchors[index].walls.is_empty();
-    let told = |index: usize| recording.virtual_anchors[index].known && !setup.map.is_empty();
+    let told = |index: usize| recording.virtual_anchors[index].known && setup.tells_images();
     let mut unknown: Vec<usize> = (0..told_of.len()).filter(|&n| !told(n) && !walls_of(n)).collect();
     unknown.sort_by(|&a, &b| told_of[b].total_cmp(&told_of[a]));
     unknown.truncate(MOST_UNKNOWN);

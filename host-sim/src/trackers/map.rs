@@ -135,7 +135,7 @@ impl Map {
 
     /// Of the virtual anchors that the tracker is told alone.
     pub(crate) fn told(recording: &Recording, setup: &Setup) -> Self {
-        let told = |index: usize| recording.virtual_anchors[index].known && !setup.map.is_empty();
+        let told = |index: usize| recording.virtual_anchors[index].known && setup.tells_images();
         Self::new(recording, setup, |index| told(index).then_some(Wanted::Told))
     }
 

@@ -49,7 +49,7 @@ pub fn run(
     count: usize,
     seed: u64,
 ) -> Vec<Estimate> {
-    let features = features(setup);
+    let features = features(recording, setup);
     let density = f64::from(setup.config.motion.acceleration_density_m2_s3);
     let mut particles = start(recording, setup, count, seed);
     let mut ln_weights = vec![0.0; particles.len()];
@@ -83,7 +83,7 @@ pub fn run(
     cycles.iter().enumerate().map(cycle).collect()
 }
 
-fn features(setup: &Setup) -> Vec<Feature> {
+fn features(recording: &Recording, setup: &Setup) -> Vec<Feature> {
     let detected = f64::from(setup.config.association.detection_probability);
     let anchors = setup.anchors.iter().enumerate().map(|(anchor, own)| Feature {
         anchor,
@@ -91,10 +91,11 @@ fn features(setup: &Setup) -> Vec<Feature> {
         variance_m2: 0.0,
         detected,
     });
-    let images = setup.map.iter().map(|va| Feature {
+    let told = recording.virtual_anchors.iter().filter(|va| va.known && setup.tells_images());
+    let images = told.map(|va| Feature {
         anchor: va.anchor,
-        position_m: va.position_m.map(f64::from),
-        variance_m2: f64::from(va.std_m) * f64::from(va.std_m),
+        position_m: va.told_position_m.unwrap_or(va.position_m),
+        variance_m2: va.std_m * va.std_m,
         detected: REFLECTED * detected,
     });
     anchors.chain(images).collect()

@@ -179,7 +179,13 @@ fn plan_room(rng: &mut impl Rng) -> (Recording, Vec<[f64; 2]>) {
             });
         }
     }
-    recording.plan = Some(Plan { outline_m: corners.to_vec(), walls });
+    recording.plan = Some(Plan {
+        outline_m: corners.to_vec(),
+        turn_std_rad: 0.0,
+        reflections: 2,
+        most_sources: 24,
+        walls,
+    });
     let truth = recording.virtual_anchors.iter().map(|va| va.position_m).collect();
     (recording, truth)
 }
@@ -350,7 +356,8 @@ fn particles_find_the_tag_from_anywhere_and_the_same_way_again() {
     let mut recording = recording(&[[0.0, 0.0], [8.0, 0.0]], 20.0, 0.1, 0.1);
     // Inside the outline alone, or the tag might be behind the anchors' line.
     let outline_m = vec![[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]];
-    recording.plan = Some(Plan { outline_m, walls: Vec::new() });
+    recording.plan =
+        Some(Plan { outline_m, turn_std_rad: 0.0, reflections: 2, most_sources: 24, walls: Vec::new() });
     let mut rng = stream(6, Purpose::Experiment, &[]);
     let tag = [5.4, 3.3];
     let cycles = at_rest(&recording, tag, 30, 0.1, &mut rng);

@@ -2,15 +2,15 @@
 
 use super::truth::Actions;
 use crate::channel::random::uniform;
-use crate::replay::{ACTIONS, PATHS, VAS};
-use cogmint_core::{CycleReport, Tracker};
+use crate::replay::SizedTracker;
+use cogmint_core::CycleReport;
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 
 /// What a chooser sees after a cycle.
 pub struct Seen<'a, const A: usize> {
     /// The tracker, with all its memories.
-    pub tracker: &'a Tracker<A, VAS, PATHS, ACTIONS>,
+    pub tracker: &'a SizedTracker<A>,
     /// What the tracker made of the cycle.
     pub report: &'a CycleReport,
     /// Number of actions there are.

@@ -2,9 +2,9 @@
 //! such records of every place; a radio has not.
 
 use crate::channel::Channel;
-use crate::replay::{ACTIONS, PATHS, VAS};
+use crate::replay::SizedTracker;
+use cogmint_core::Error;
 use cogmint_core::model::source::Source;
-use cogmint_core::{Error, Tracker};
 
 /// A source of the tracker is the image this near to it, metres.
 const SAME_M: f64 = 0.5;
@@ -16,7 +16,7 @@ const NOTHING: f32 = 1e-3;
 /// # Errors
 /// The core refuses it, which would be a defect.
 pub fn tell<const A: usize>(
-    tracker: &mut Tracker<A, VAS, PATHS, ACTIONS>,
+    tracker: &mut SizedTracker<A>,
     channel: &Channel,
     cycle: usize,
 ) -> Result<(), Error> {
@@ -24,7 +24,7 @@ pub fn tell<const A: usize>(
     let mut sources: Vec<(Source, usize, [f32; 2])> =
         direct.map(|(anchor, at)| (Source::Direct { anchor }, anchor, at.position_m)).collect();
     for (slot, record) in tracker.environment().iter() {
-        if let Some((at, _)) = tracker.filter().virtual_anchor(slot) {
+        if let Some((at, _)) = tracker.image(slot) {
             sources.push((Source::Virtual { anchor: record.anchor, slot }, record.anchor, [at.x, at.y]));
         }
     }

@@ -75,10 +75,10 @@ impl<const A: usize> Choose<A> for OnMemory {
             (Source::Direct { anchor }, place.position_m.map(f64::from), [0.0; 3], anchor)
         });
         let reflected = tracker.environment().iter().filter_map(|(slot, record)| {
-            let (place, c) = filter.virtual_anchor(slot)?;
+            let (place, c) = tracker.image(slot)?;
             let source = Source::Virtual { anchor: record.anchor, slot };
             let covariance = [c.m11, c.m21, c.m22].map(f64::from);
-            (record.existence > CONFIRMED).then_some((
+            (tracker.environment().existence(slot) > CONFIRMED).then_some((
                 source,
                 [f64::from(place.x), f64::from(place.y)],
                 covariance,
@@ -91,6 +91,7 @@ impl<const A: usize> Choose<A> for OnMemory {
             let (dx, dy) = (at[0] - place[0], at[1] - place[1]);
             let length = (dx * dx + dy * dy + rise * rise).sqrt().max(1e-6);
             let (gx, gy) = (dx / length, dy / length);
+            let available = tracker.availability(source, at.map(|x| x as f32));
             let map_m2 = gx * gx * xx + 2.0 * gx * gy * yx + gy * gy * yy;
             for (action, sum) in informations.iter_mut().enumerate() {
                 let memory = tracker.channel();
@@ -102,7 +103,9 @@ impl<const A: usize> Choose<A> for OnMemory {
                     * f64::from(pulse.range_variance_m2(sinr as f32))
                     + f64::from(config.ranging.floor_m).powi(2);
                 let found = f64::from(
-                    memory.visibility(source) * detection_probability(sinr as f32, tracker.threshold()),
+                    memory.visibility(source)
+                        * available
+                        * detection_probability(sinr as f32, tracker.threshold()),
                 );
                 let weight = found / (range_m2 + map_m2);
                 sum[0] += weight * gx * gx;

@@ -6,9 +6,8 @@ use super::truth::{Actions, action_of};
 use super::{ABLATIONS, Controller, full_band};
 use crate::input_error::InputError;
 use crate::recording::Recording;
-use crate::replay::{ACTIONS, PATHS, Setup, Step, VAS, input, step};
+use crate::replay::{Setup, SizedTracker, Step, input, step};
 use crate::simulator::Simulator;
-use cogmint_core::Tracker;
 use std::path::Path;
 
 /// Time from the last cycle to the one after it that never comes, seconds.
@@ -17,7 +16,7 @@ const AFTER_THE_LAST_S: f64 = 0.1;
 /// A tracker and the controller that steers it. A clone goes on from the same cycle on its own.
 pub struct Steered<const A: usize> {
     /// The tracker.
-    pub tracker: Tracker<A, VAS, PATHS, ACTIONS>,
+    pub tracker: SizedTracker<A>,
     chooser: Box<dyn Choose<A>>,
     /// The actions of the next cycle.
     next: Actions,
