@@ -30,11 +30,24 @@ impl<T: Real> Walls<T> {
         T::ONE
     }
     /// Reflected.
-    pub fn reflected(&self, _anchor_m: [T; 2], _first: usize, _second: Option<usize>, _place_m: [T; 2], _std_m: T) -> T {
+    pub fn reflected(
+        &self,
+        _anchor_m: [T; 2],
+        _first: usize,
+        _second: Option<usize>,
+        _place_m: [T; 2],
+        _std_m: T,
+    ) -> T {
         T::ONE
     }
     /// Either.
-    pub fn either_order(&self, _anchor_m: [T; 2], _walls: [usize; 2], _place_m: [T; 2], _std_m: T) -> (T, bool) {
+    pub fn either_order(
+        &self,
+        _anchor_m: [T; 2],
+        _walls: [usize; 2],
+        _place_m: [T; 2],
+        _std_m: T,
+    ) -> (T, bool) {
         (T::ONE, false)
     }
     /// Crossing.

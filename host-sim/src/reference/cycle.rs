@@ -271,7 +271,8 @@ impl<T: Real> Reference<T> {
         let [before, after] = [&predicted.covariance, &posterior.covariance];
         let earned = reward(config.controller.reward, &last.covariance, before, after);
         let outlook = outlook(config, &posterior, receiver.threshold, elapsed_s);
-        let visible = Known { filter, environment, channel, clutter, plan, walls }.visible(&told, &Place::of(&posterior));
+        let visible = Known { filter, environment, channel, clutter, plan, walls }
+            .visible(&told, &Place::of(&posterior));
         let heard: Vec<_> = outcomes.iter().map(|outcome| &outcome.scan).collect();
         let cycle = self.cycle;
         let decision =

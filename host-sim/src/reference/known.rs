@@ -253,7 +253,9 @@ impl<T: Real> Known<'_, T> {
         let images = self.environment.in_use().into_iter();
         let images = images.map(|(slot, record)| Source::Virtual { anchor: record.anchor, slot });
         let mut visible = Vec::new();
-        for source in direct.chain(images.filter(|image| self.environment.existence(*image) > T::of(CONFIRMED))) {
+        for source in
+            direct.chain(images.filter(|image| self.environment.existence(*image) > T::of(CONFIRMED)))
+        {
             let sight = told.sight(source.anchor());
             let (availability, sequence) = self.available(sight.anchor_m, source, place);
             let (position_m, covariance_m2) = match sequence {

@@ -17,6 +17,13 @@ pub struct Listed {
 }
 
 /// List.
-pub fn list<T>(_plan: &FloorPlan<T>, _anchors: &[Anchor], _reflections: usize, _max_range_m: T, _most_walls: usize, _most: usize) -> Vec<Listed> {
+pub fn list<T>(
+    _plan: &FloorPlan<T>,
+    _anchors: &[Anchor],
+    _reflections: usize,
+    _max_range_m: T,
+    _most_walls: usize,
+    _most: usize,
+) -> Vec<Listed> {
     Vec::new()
 }

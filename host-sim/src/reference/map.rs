@@ -87,13 +87,7 @@ impl<T: Real> Map<'_, T> {
     }
 
     /// Enters a discovery into the map with a private surface, unless it is known or there is no room.
-    fn take_in(
-        &mut self,
-        told: &Told<'_, T>,
-        scan: &Scan<T>,
-        found: &Discovered<T>,
-        changes: &mut Changes,
-    ) {
+    fn take_in(&mut self, told: &Told<'_, T>, scan: &Scan<T>, found: &Discovered<T>, changes: &mut Changes) {
         if self.is_known(told, scan.anchor, found) {
             return;
         }

@@ -43,7 +43,8 @@ impl<T: Real> FloorPlan<T> {
         let mut walls = Vec::new();
         for index in 0..plan.walls.len() {
             let own = plan.segments.iter().filter(|segment| segment.wall == index);
-            let ends: Vec<[T; 2]> = own.flat_map(|segment| segment.ends_m).map(|end| end.map(T::of)).collect();
+            let ends: Vec<[T; 2]> =
+                own.flat_map(|segment| segment.ends_m).map(|end| end.map(T::of)).collect();
             walls.push(wall(&ends, plan.walls[index]));
         }
         let mut segments = Vec::new();

@@ -41,7 +41,8 @@ impl<T: Real> Start<'_, T> {
         let free_surfaces = self.filter.free_slots();
         let most = self.environment.free_slots().min(told.most_sources);
         let max_range_m = T::of(config.ranging.max_range_m);
-        let listed = list(plan, anchors, told.reflections, max_range_m, free_surfaces, self.environment.sources.len());
+        let listed =
+            list(plan, anchors, told.reflections, max_range_m, free_surfaces, self.environment.sources.len());
         for source in listed.into_iter().take(most) {
             let Some(first) = self.surface_of(plan, source.first, config.exact_map) else { continue };
             let second = source.second.map(|wall| self.surface_of(plan, wall, config.exact_map));

@@ -593,10 +593,7 @@ impl<T: Real> StateFilter<T> {
                 let name = NUMBERS[axis];
                 for i in 0..AGENT {
                     let agent = NAMES[i];
-                    f(
-                        format_args!("covariance of surface {k} {name} with agent {agent}"),
-                        c[i][a + axis],
-                    );
+                    f(format_args!("covariance of surface {k} {name} with agent {agent}"), c[i][a + axis]);
                 }
             }
             for j in 0..self.anchors {
@@ -611,9 +608,7 @@ impl<T: Real> StateFilter<T> {
                     for row in 0..2 {
                         let (own, other) = (NUMBERS[row], NUMBERS[column]);
                         f(
-                            format_args!(
-                                "covariance of surface {k} {own} with surface {l} {other}"
-                            ),
+                            format_args!("covariance of surface {k} {own} with surface {l} {other}"),
                             c[a + row][self.slot(l) + column],
                         );
                     }
