@@ -2,35 +2,38 @@
 //!
 //! A path is there where every reflection falls on a segment of its wall and no other wall is in between. Both are soft: the
 //! tag is known to within a deviation s per axis, a wall to within s_w. For a leg from an exact point to the tag that meets a
-//! wall at the share f of its way, h across and g along the wall,
+//! wall at the share f of its way, h across and g along the wall, the meeting's deviation along the wall is
 //!
-//! variance of the meeting along the wall = ((f s)^2 + s_w^2) min(1 + (g / h)^2, 16),
+//! sqrt((f s)^2 + s_w^2) min(sqrt(1 + (g / h)^2), 4),
 //!
-//! f s (1, g / h) being the slopes over the tag's position, and the wall's ends as uncertain as the wall itself. Normal
-//! distributions are taken as logistic ones. A reflection is met on the way from the mirror image, so that both cases are one.
+//! f s (1, g / h) being the slopes over the tag's position, and the wall's ends as uncertain as the wall itself. A reflection is
+//! met on the way from the mirror image, so that both cases are one.
 //!
 //! What the reflections of a path depend on counts by its least probability: in a corner, on which side of one wall a path is
 //! and whether it meets the other are the same question. Walls that are crossed count as independent, by the product.
+//!
+//! Many legs are asked for at every place: roots of sums of squares are formed to within 4 %, and the normal distribution by a
+//! polynomial, to within 0.015.
 
-use super::detection::LOGISTIC;
 use super::plan::{FloorPlan, Segment, Wall};
 use super::surface::Line;
-use crate::real::{abs, exp, larger, limited, smaller, sqrt};
+use crate::real::{abs, larger, limited, smaller};
 use heapless::Vec;
 
 /// Guard: against certainty where a wall is told as exact: its least deviation, metres. Walls are thick.
 pub const LEAST_STD_M: f32 = 0.05;
-/// Mathematics: beyond so many deviations the normal distribution is within 0.0014 of 0 or 1, and counts as that.
-const SURE: f32 = 3.0;
+/// Mathematics: deviations beyond which the normal distribution counts as 0 or 1. The quintic step of this width comes
+/// closest to it.
+const SURE: f32 = 2.5;
 /// Guard: against an anchor behind the wall that it hangs on: within this of a wall it is on neither side, metres.
 const ON_WALL_M: f32 = 0.05;
-/// Guard: against meetings without a place, of legs along a wall: most that the angle multiplies their variance by.
-const MOST_OBLIQUE: f32 = 16.0;
+/// Guard: against meetings without a place, of legs along a wall: most that the angle multiplies their deviation by.
+const MOST_OBLIQUE: f32 = 4.0;
 /// Guard: against division by nothing, of a path along a wall: least way across it, metres.
 const LEAST_ACROSS_M: f32 = 0.01;
 /// Guard: against work for what nobody sees: availability below this is 0.
 const LEAST: f32 = 0.01;
-/// Guard: against overflow: largest deviation of the tag, metres.
+/// Guard: against overflow: largest deviation, metres.
 const MOST_STD_M: f32 = 1e4;
 /// Tuned: a wall is surely crossed above this share, surely not crossed below what is left of 1.
 const CLEAR: f32 = 0.9;
@@ -56,8 +59,14 @@ impl WallNow {
 /// The walls of a plan as they stand now. Walls are named by their index in the plan.
 #[derive(Clone, Debug)]
 pub struct Walls<'a, const SEGMENTS: usize> {
-    walls: Vec<WallNow, SEGMENTS>,
-    segments: &'a Vec<Segment, SEGMENTS>,
+    walls: Vec<Standing<'a>, SEGMENTS>,
+}
+
+/// A wall as it stands, with its segments.
+#[derive(Clone, Debug)]
+struct Standing<'a> {
+    now: WallNow,
+    segments: &'a [Segment],
 }
 
 /// The walls that a direct path crosses.
@@ -72,43 +81,35 @@ pub enum Crossing {
     Unclear,
 }
 
-/// Where a path meets a wall.
-struct Meeting {
-    /// Where, along the wall's tangent from its centre, metres.
-    place_m: f32,
-    /// Variance of that, square metres.
-    variance_m2: f32,
-    /// Share of the way, 0 to 1.
-    share: f32,
+/// The paths from an anchor to a place, by which walls whatever they are reflected.
+#[derive(Clone, Debug)]
+pub struct Paths<'a, const SEGMENTS: usize> {
+    walls: &'a Walls<'a, SEGMENTS>,
+    anchor: End,
+    tag: End,
+}
+
+/// An end of a leg.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    at_m: [f32; 2],
+    /// Deviation of that per axis, metres.
+    std_m: f32,
+    is_anchor: bool,
+    /// Walls that it is surely before, and behind, as bits of the first 32.
+    sides: [u32; 2],
 }
 
 /// A reflection.
 struct Bounce {
     /// Probability that start and end of the path are on the same side.
     same_side: f32,
-    meeting: Meeting,
-    /// Where it is.
-    end: End,
-}
-
-/// An end of a leg.
-#[derive(Clone, Copy)]
-struct End {
+    /// Probability that it is on a segment of the wall.
+    within: f32,
+    /// Where it is, metres.
     at_m: [f32; 2],
-    /// Variance of that per axis, square metres.
-    variance_m2: f32,
-    is_anchor: bool,
-}
-
-impl End {
-    const fn anchor(at_m: [f32; 2]) -> Self {
-        Self { at_m, variance_m2: 0.0, is_anchor: true }
-    }
-
-    fn tag(at_m: [f32; 2], std_m: f32) -> Self {
-        let std_m = limited(std_m, 0.0, MOST_STD_M);
-        Self { at_m, variance_m2: std_m * std_m, is_anchor: false }
-    }
+    /// Deviation of that, metres.
+    std_m: f32,
 }
 
 impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
@@ -119,83 +120,146 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         for (index, wall) in plan.walls().iter().enumerate() {
             let WallNow { line, std_m, through } = now(index, wall);
             let (std_m, through) = (limited(std_m, LEAST_STD_M, MOST_STD_M), limited(through, 0.0, 1.0));
+            let now = WallNow { line, std_m, through };
             // As many as in the plan: the pushes succeed.
-            let _ = walls.push(WallNow { line, std_m, through });
+            let _ = walls.push(Standing { now, segments: plan.segments_of(wall) });
         }
-        Self { walls, segments: plan.segments() }
+        Self { walls }
     }
 
-    /// Availability (0 to 1) of the direct path to a place known within `std_m` per axis: the product over all walls of what
-    /// each lets through.
-    pub fn direct(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> f32 {
-        self.leg(&[End::anchor(anchor_m), End::tag(place_m, std_m)], [None; 2])
+    /// The paths from an anchor to a place known within `std_m` per axis.
+    pub fn paths(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> Paths<'_, SEGMENTS> {
+        let std_m = limited(std_m, 0.0, MOST_STD_M);
+        Paths { walls: self, anchor: self.end(anchor_m, 0.0, true), tag: self.end(place_m, std_m, false) }
+    }
+
+    /// An end of a leg, with the walls that it is surely on one side of. An anchor is sure not to be behind any of those
+    /// that it hangs on: it is on both sides of them.
+    fn end(&self, at_m: [f32; 2], std_m: f32, is_anchor: bool) -> End {
+        let mut sides = [0, 0];
+        let mut bit = 1;
+        for Standing { now, .. } in &self.walls {
+            let away_m = now.line.distance_m(at_m);
+            let reach_m = if is_anchor { -ON_WALL_M } else { SURE * (std_m + now.std_m) };
+            let [before, behind] = &mut sides;
+            if away_m >= reach_m {
+                *before |= bit;
+            }
+            if away_m <= -reach_m {
+                *behind |= bit;
+            }
+            // None is left after 32.
+            bit <<= 1;
+        }
+        End { at_m, std_m, is_anchor, sides }
+    }
+
+    /// Share that walls other than those two, which reflect at its ends, let through to a leg; in the walls' order.
+    fn leg(&self, from: &End, to: &End, [one, other]: [usize; 2]) -> f32 {
+        let ([a, b], [c, d]) = (from.sides, to.sides);
+        let opposite = (a & d) | (b & c);
+        let mut left = !((a & c) | (b & d));
+        let mut beyond = u32::BITS as usize..self.walls.len();
+        let mut through = 1.0;
+        loop {
+            let index = if left == 0 {
+                let Some(index) = beyond.next() else { break };
+                index
+            } else {
+                let index = left.trailing_zeros() as usize;
+                left &= left - 1;
+                index
+            };
+            let Some(wall) = self.walls.get(index) else { break };
+            if index != one && index != other {
+                through *= wall.through(from, to, opposite & bit(index) != 0);
+            }
+        }
+        through
+    }
+}
+
+/// The bit of a wall; none from the 33rd on.
+fn bit(wall: usize) -> u32 {
+    if wall < 32 { 1 << wall } else { 0 }
+}
+
+impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
+    /// Availability (0 to 1) of the direct path: the product over all walls of what each lets through.
+    pub fn direct(&self) -> f32 {
+        self.walls.leg(&self.anchor, &self.tag, [usize::MAX; 2])
     }
 
     /// Availability (0 to 1) of the path reflected by wall `first` and then, where there is one, by wall `second`; 0 below 0.01,
     /// and where there is no such wall.
-    pub fn reflected(
-        &self,
-        anchor_m: [f32; 2],
-        first: usize,
-        second: Option<usize>,
-        place_m: [f32; 2],
-        std_m: f32,
-    ) -> f32 {
-        let tag = End::tag(place_m, std_m);
-        let Some((last, before)) = self.bounces(anchor_m, first, second, &tag) else {
+    pub fn reflected(&self, first: usize, second: Option<usize>) -> f32 {
+        let (walls, last_index) = (self.walls, second.unwrap_or(first));
+        let (Some(wall), Some(last_wall)) = (walls.walls.get(first), walls.walls.get(last_index)) else {
             return 0.0;
         };
-        let last_wall = second.unwrap_or(first);
-        let mut available = smaller(last.same_side, self.within(last_wall, &last.meeting));
+        let image_m =
+            if second.is_some() { wall.now.line.mirrored_m(self.anchor.at_m) } else { self.anchor.at_m };
+        let last = last_wall.bounce(image_m, self.tag.at_m, self.tag.std_m);
+        let mut available = smaller(last.same_side, last.within);
         if available < LEAST {
             return 0.0;
         }
-        let mut outer = last.end;
-        if let Some(bounce) = before {
-            available = smaller(available, smaller(bounce.same_side, self.within(first, &bounce.meeting)));
+        let before = if second.is_some() {
+            let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
+            available = smaller(available, smaller(before.same_side, before.within));
             if available < LEAST {
                 return 0.0;
             }
-            available *= self.leg(&[bounce.end, outer], [Some(first), second]);
-            outer = bounce.end;
-        }
-        available *= self.leg(&[last.end, tag], [Some(last_wall), None]);
+            Some(before)
+        } else {
+            None
+        };
+        let end = walls.end(last.at_m, last.std_m, false);
+        available *= walls.leg(&end, &self.tag, [last_index; 2]);
         if available < LEAST {
             return 0.0;
         }
-        available *= self.leg(&[End::anchor(anchor_m), outer], [Some(first), None]);
+        let outer = match before {
+            None => end,
+            Some(before) => {
+                let outer = walls.end(before.at_m, before.std_m, false);
+                available *= walls.leg(&outer, &end, [first, last_index]);
+                outer
+            }
+        };
+        available *= walls.leg(&self.anchor, &outer, [first; 2]);
         if available < LEAST { 0.0 } else { available }
     }
 
     /// Availability (0 to 1) of an image that two walls make in either order, and whether it is the reversed order,
     /// `second` first, that counts: the one that is available rather; where none is, the one that the path would take if
     /// walls had no ends.
-    pub fn either_order(
-        &self,
-        anchor_m: [f32; 2],
-        [first, second]: [usize; 2],
-        place_m: [f32; 2],
-        std_m: f32,
-    ) -> (f32, bool) {
-        let told = self.reflected(anchor_m, first, Some(second), place_m, std_m);
-        let reversed = self.reflected(anchor_m, second, Some(first), place_m, std_m);
+    pub fn either_order(&self, [first, second]: [usize; 2]) -> (f32, bool) {
+        let told = self.reflected(first, Some(second));
+        let reversed = self.reflected(second, Some(first));
         if told > 0.0 || reversed > 0.0 {
             return (smaller(told + reversed, 1.0), reversed > told);
         }
-        let in_order =
-            |first, second| match self.bounces(anchor_m, first, Some(second), &End::tag(place_m, std_m)) {
-                Some((last, Some(before))) => last.same_side * before.same_side,
-                _ => 0.0,
-            };
-        (0.0, in_order(second, first) > in_order(first, second))
+        let forwards = self.in_order(first, second);
+        (0.0, self.in_order(second, first) > forwards)
     }
 
-    /// The walls that the direct path to a place known within `std_m` per axis crosses.
-    pub fn crossing(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> Crossing {
-        let ends = [End::anchor(anchor_m), End::tag(place_m, std_m)];
+    /// Probability that a path meets two walls in this order, if they had no ends.
+    fn in_order(&self, first: usize, second: usize) -> f32 {
+        let (Some(wall), Some(last)) = (self.walls.walls.get(first), self.walls.walls.get(second)) else {
+            return 0.0;
+        };
+        let image_m = wall.now.line.mirrored_m(self.anchor.at_m);
+        let last = last.bounce(image_m, self.tag.at_m, self.tag.std_m);
+        let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
+        smaller(last.same_side, before.same_side)
+    }
+
+    /// The walls that the direct path crosses.
+    pub fn crossing(&self) -> Crossing {
         let mut crossing = Crossing::None;
-        for (index, wall) in self.walls.iter().enumerate() {
-            let crossed = self.crossed(index, wall, &ends);
+        for (index, wall) in self.walls.walls.iter().enumerate() {
+            let crossed = wall.crossed(&self.anchor, &self.tag, false);
             if crossed > CLEAR && crossing == Crossing::None {
                 crossing = Crossing::One(index);
             } else if crossed > 1.0 - CLEAR {
@@ -204,143 +268,117 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         }
         crossing
     }
+}
 
-    /// Share that walls other than those that reflect at its ends let through to a leg.
-    fn leg(&self, ends: &[End; 2], reflecting: [Option<usize>; 2]) -> f32 {
-        let mut through = 1.0;
-        for (index, wall) in self.walls.iter().enumerate() {
-            if reflecting.contains(&Some(index)) {
-                continue;
-            }
-            through *= 1.0 - self.crossed(index, wall, ends) * (1.0 - wall.through);
-        }
-        through
+impl Standing<'_> {
+    /// Share of a leg that the wall lets through.
+    #[inline(always)] // one caller
+    fn through(&self, from: &End, to: &End, is_opposite: bool) -> f32 {
+        1.0 - self.crossed(from, to, is_opposite) * (1.0 - self.now.through)
     }
 
-    /// Probability that a leg crosses a wall.
-    fn crossed(&self, index: usize, wall: &WallNow, [from, to]: &[End; 2]) -> f32 {
-        let (before, behind) = (wall.line.distance_m(from.at_m), wall.line.distance_m(to.at_m));
+    /// Probability that a leg crosses the wall, `is_opposite` where its ends are surely on different sides.
+    fn crossed(&self, from: &End, to: &End, is_opposite: bool) -> f32 {
+        let WallNow { line, std_m, .. } = &self.now;
+        let (before, behind) = (line.distance_m(from.at_m), line.distance_m(to.at_m));
         let (near_m, beyond_m) = if before < 0.0 { (-before, behind) } else { (before, -behind) };
-        let wall_m2 = wall.std_m * wall.std_m;
-        let beyond_m2 = to.variance_m2 + wall_m2;
-        let near_m2 = from.variance_m2 + wall_m2;
-        if beyond_m < 0.0 && is_sure(beyond_m, beyond_m2) && (from.is_anchor || is_sure(near_m, near_m2)) {
-            return 0.0;
-        }
-        let beyond = probability(beyond_m, beyond_m2);
-        let sides = if from.is_anchor {
-            limited((near_m - ON_WALL_M) / wall.std_m, 0.0, 1.0) * beyond
-        } else {
-            let near = probability(near_m, near_m2);
-            near * beyond + (1.0 - near) * (1.0 - beyond)
-        };
-        if !(sides > 0.0) {
-            return 0.0;
-        }
-        let meeting = meeting(wall, near_m, beyond_m, [from.at_m, to.at_m], to.variance_m2);
-        sides * self.within(index, &meeting)
-    }
-
-    /// The last reflection of a path and, of two, the one before; `None` where the ends are surely on different sides.
-    fn bounces(
-        &self,
-        anchor_m: [f32; 2],
-        first: usize,
-        second: Option<usize>,
-        tag: &End,
-    ) -> Option<(Bounce, Option<Bounce>)> {
-        let wall = self.walls.get(first)?;
-        let Some(second) = second else {
-            return Some((bounce(wall, anchor_m, tag)?, None));
-        };
-        let last = bounce(self.walls.get(second)?, wall.line.mirrored_m(anchor_m), tag)?;
-        let before = bounce(wall, anchor_m, &last.end)?;
-        Some((last, Some(before)))
-    }
-
-    /// Probability that a meeting is on a segment of its wall.
-    fn within(&self, index: usize, meeting: &Meeting) -> f32 {
-        let mut within = 0.0;
-        for Segment { wall, extent_m: [begin_m, end_m] } in self.segments {
-            if usize::from(*wall) == index {
-                // The difference of two distribution functions: segments that join leave no gap.
-                let after = probability(meeting.place_m - begin_m, meeting.variance_m2);
-                let before = probability(end_m - meeting.place_m, meeting.variance_m2);
-                within += after + before - 1.0;
+        let mut sides = 1.0;
+        if !is_opposite {
+            let beyond = probability(beyond_m, root(to.std_m, *std_m));
+            sides = if !from.is_anchor {
+                let near = probability(near_m, root(from.std_m, *std_m));
+                near * beyond + (1.0 - near) * (1.0 - beyond)
+            } else if near_m <= ON_WALL_M {
+                0.0
+            } else {
+                beyond
+            };
+            if !(sides > 0.0) {
+                return 0.0;
             }
         }
-        limited(within, 0.0, 1.0)
+        let (_, _, within) = self.meeting(near_m, beyond_m, from.at_m, to.at_m, to.std_m);
+        sides * within
+    }
+
+    /// The reflection by the wall of a path from an image's or anchor's position; where its ends are surely on different sides
+    /// it is nowhere.
+    fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Bounce {
+        let line = &self.now.line;
+        let (before, behind) = (line.distance_m(from_m), line.distance_m(to_m));
+        let near_m = abs(before);
+        // What hangs on the wall is on the side of who looks at it.
+        let far_m = if near_m <= ON_WALL_M {
+            abs(behind)
+        } else if before < 0.0 {
+            -behind
+        } else {
+            behind
+        };
+        let same_side = probability(far_m, root(to_std_m, self.now.std_m));
+        if same_side < LEAST {
+            return Bounce { same_side: 0.0, within: 0.0, at_m: to_m, std_m: to_std_m };
+        }
+        let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to_m, to_std_m);
+        let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
+        let at_m = [cx + place_m * tx, cy + place_m * ty];
+        Bounce { same_side, within, at_m, std_m: share * to_std_m }
+    }
+
+    #[inline(always)]
+    /// Where a path from `near_m` before the wall to `far_m` behind it meets it, one that does not reach it at its nearer
+    /// end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
+    fn meeting(
+        &self,
+        near_m: f32,
+        far_m: f32,
+        from_m: [f32; 2],
+        to_m: [f32; 2],
+        to_std_m: f32,
+    ) -> (f32, f32, f32) {
+        let line = &self.now.line;
+        let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
+        let share = if far_m >= 0.0 {
+            near_m / across_m
+        } else if near_m + far_m < 0.0 {
+            0.0
+        } else {
+            1.0
+        };
+        let begin_m = line.place_m(from_m);
+        let along_m = line.place_m(to_m) - begin_m;
+        let place_m = begin_m + share * along_m;
+        let oblique = smaller(root(1.0, abs(along_m) / across_m), MOST_OBLIQUE);
+        let std_m = root(share * to_std_m, self.now.std_m) * oblique;
+        let mut within = 0.0;
+        for Segment { extent_m: [begin_m, end_m], .. } in self.segments {
+            // The difference of two distribution functions: segments that join leave no gap.
+            within += probability(place_m - begin_m, std_m) + probability(end_m - place_m, std_m) - 1.0;
+        }
+        (share, place_m, limited(within, 0.0, 1.0))
     }
 }
 
-/// The reflection by a wall of a path from an image's or anchor's position; `None` where its ends are surely on different sides.
-fn bounce(wall: &WallNow, from_m: [f32; 2], end: &End) -> Option<Bounce> {
-    let End { at_m: to_m, variance_m2, .. } = *end;
-    let (from, to) = (wall.line.distance_m(from_m), wall.line.distance_m(to_m));
-    let near_m = larger(from, -from);
-    // What hangs on the wall is on the side of who looks at it.
-    let far_m = if near_m <= ON_WALL_M {
-        larger(to, -to)
-    } else if from < 0.0 {
-        -to
-    } else {
-        to
-    };
-    let side_m2 = variance_m2 + wall.std_m * wall.std_m;
-    if is_sure(far_m, side_m2) && far_m < 0.0 {
-        return None;
-    }
-    let meeting = meeting(wall, near_m, far_m, [from_m, to_m], variance_m2);
-    let ([cx, cy], [tx, ty]) = (wall.line.centre_m, wall.line.tangent());
-    Some(Bounce {
-        same_side: probability(far_m, side_m2),
-        end: End {
-            at_m: [cx + meeting.place_m * tx, cy + meeting.place_m * ty],
-            variance_m2: meeting.share * meeting.share * variance_m2,
-            is_anchor: false,
-        },
-        meeting,
-    })
+/// The root of a^2 + b^2 (neither below 0), to within 4 %.
+fn root(a: f32, b: f32) -> f32 {
+    let (more, less) = if a > b { (a, b) } else { (b, a) };
+    0.96 * more + 0.4 * less
 }
 
-/// Where a path from `near_m` before the wall to `far_m` behind it meets it; one that does not reach it, at its nearer end.
-fn meeting(
-    wall: &WallNow,
-    near_m: f32,
-    far_m: f32,
-    [from_m, to_m]: [[f32; 2]; 2],
-    variance_m2: f32,
-) -> Meeting {
-    let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
-    let share = if far_m >= 0.0 {
-        near_m / across_m
-    } else if near_m + far_m < 0.0 {
-        0.0
-    } else {
+/// Probability that a number of this mean and deviation (above 0) is positive: the quintic step, whose slope is the square of
+/// 1 - u^2.
+#[inline(always)] // most are sure
+fn probability(mean: f32, std: f32) -> f32 {
+    let reach = SURE * std;
+    if mean >= reach {
         1.0
-    };
-    let begin_m = wall.line.place_m(from_m);
-    let along_m = wall.line.place_m(to_m) - begin_m;
-    let slope = along_m / across_m;
-    let oblique = smaller(1.0 + slope * slope, MOST_OBLIQUE);
-    Meeting {
-        place_m: begin_m + share * along_m,
-        variance_m2: (share * share * variance_m2 + wall.std_m * wall.std_m) * oblique,
-        share,
+    } else if mean > -reach {
+        let u = mean / reach;
+        let u2 = u * u;
+        0.5 + u * (0.9375 + u2 * (0.1875 * u2 - 0.625))
+    } else {
+        0.0
     }
-}
-
-/// Whether it is sure on which side of 0 a number of this mean and variance is.
-fn is_sure(mean: f32, variance: f32) -> bool {
-    mean * mean > SURE * SURE * variance
-}
-
-/// Probability that a number of this mean and variance (above 0) is positive.
-fn probability(mean: f32, variance: f32) -> f32 {
-    if is_sure(mean, variance) {
-        return if mean > 0.0 { 1.0 } else { 0.0 };
-    }
-    1.0 / (1.0 + exp(-LOGISTIC * (mean / sqrt(variance))))
 }
 
 #[cfg(test)]
@@ -369,6 +407,7 @@ mod tests {
             segments: &segments,
             turn_std_rad: 0.0,
             reflections: 2,
+            most_sources: 24,
         })
         .unwrap()
     }
@@ -499,9 +538,25 @@ mod tests {
     fn ours(walls: &Walls<'_, 16>, anchor: [f64; 2], sequence: &[usize], place: [f64; 2], std_m: f32) -> f64 {
         let [anchor_m, place_m] = [anchor, place].map(|point| point.map(|x| x as f32));
         f64::from(match sequence {
-            [] => walls.direct(anchor_m, place_m, std_m),
-            [first, rest @ ..] => walls.reflected(anchor_m, *first, rest.first().copied(), place_m, std_m),
+            [] => walls.paths(anchor_m, place_m, std_m).direct(),
+            [first, rest @ ..] => {
+                walls.paths(anchor_m, place_m, std_m).reflected(*first, rest.first().copied())
+            }
         })
+    }
+
+    #[test]
+    fn roots_and_the_normal_distribution_are_near_enough() {
+        let (step, mut phi) = (1e-3_f64, 0.5);
+        for n in 0..4000 {
+            let z = f64::from(n) * step;
+            let ours = f64::from(probability((3.0 * z) as f32, 3.0));
+            assert!((ours - phi).abs() < 0.015, "{z}: {ours} {phi}");
+            assert!((ours + f64::from(probability((-3.0 * z) as f32, 3.0)) - 1.0).abs() < 1e-6);
+            phi += step * (-0.5 * (z + 0.5 * step).powi(2)).exp() / (2.0 * core::f64::consts::PI).sqrt();
+            let ratio = f64::from(root(2.0, 2.0 * z as f32)) / (2.0 * 1.0_f64.hypot(z));
+            assert!((ratio - 1.0).abs() < 0.041, "{z}: {ratio}");
+        }
     }
 
     #[test]
@@ -585,12 +640,12 @@ mod tests {
         let walls = told(&plan);
         for off_m in [-0.05, -0.01, 0.0, 0.03, 0.05] {
             let (anchor_m, place_m) = ([2.0, off_m], [3.0, 3.5]);
-            assert_eq!(walls.direct(anchor_m, place_m, 0.05), 1.0, "{off_m}");
-            assert_eq!(walls.reflected(anchor_m, 2, None, place_m, 0.05), 1.0, "{off_m}");
-            assert_eq!(walls.reflected(anchor_m, 0, None, place_m, 0.05), 1.0, "{off_m}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.05).direct(), 1.0, "{off_m}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.05).reflected(2, None), 1.0, "{off_m}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.05).reflected(0, None), 1.0, "{off_m}");
         }
         // Well outside it is.
-        assert!((walls.direct([2.0, -0.5], [3.0, 3.5], 0.05) - THROUGH).abs() < 1e-6);
+        assert!((walls.paths([2.0, -0.5], [3.0, 3.5], 0.05).direct() - THROUGH).abs() < 1e-6);
     }
 
     #[test]
@@ -605,7 +660,7 @@ mod tests {
             ([8.0, 1.5], Crossing::Unclear),
             ([9.0, 4.5], Crossing::Unclear),
         ] {
-            assert_eq!(walls.crossing(anchor_m, place_m, 0.1), expected, "{place_m:?}");
+            assert_eq!(walls.paths(anchor_m, place_m, 0.1).crossing(), expected, "{place_m:?}");
         }
     }
 
@@ -614,14 +669,14 @@ mod tests {
         let plan = plan(&room());
         let walls = told(&plan);
         let anchor_m = [2.0, 2.0];
-        let at = |x, y| walls.either_order(anchor_m, [0, 3], [x, y], 0.1);
+        let at = |x, y| walls.paths(anchor_m, [x, y], 0.1).either_order([0, 3]);
         // The ray comes from (-2, -2): to the right of the diagonal it crosses the left wall first.
         assert_eq!(at(4.0, 1.0), (1.0, true));
         assert_eq!(at(1.0, 4.0), (1.0, false));
         let (middle, _) = at(3.0, 3.0);
         assert!(middle > 0.6, "{middle}");
         // From here the ray to the image (3.5, 7) passes below the end of wall 4, then crosses the line of wall 2.
-        let unseen = |walls_met| walls.either_order([6.5, 5.0], walls_met, [5.5, 0.5], 0.1);
+        let unseen = |walls_met| walls.paths([6.5, 5.0], [5.5, 0.5], 0.1).either_order(walls_met);
         assert_eq!((unseen([4, 2]), unseen([2, 4])), ((0.0, true), (0.0, false)));
     }
 
@@ -646,17 +701,17 @@ mod tests {
             let point = |x: f64, y: f64| [x as f32, y as f32];
             let (anchor_m, place_m) = (point(pick(&some), pick(&some)), point(pick(&some), pick(&some)));
             let std_m = pick(&stds) as f32;
-            let (either, _) = walls.either_order(anchor_m, [1, 2], place_m, std_m);
+            let (either, _) = walls.paths(anchor_m, place_m, std_m).either_order([1, 2]);
             let all = [
                 either,
-                walls.direct(anchor_m, place_m, std_m),
-                walls.reflected(anchor_m, 0, None, place_m, std_m),
-                walls.reflected(anchor_m, 0, Some(1), place_m, std_m),
+                walls.paths(anchor_m, place_m, std_m).direct(),
+                walls.paths(anchor_m, place_m, std_m).reflected(0, None),
+                walls.paths(anchor_m, place_m, std_m).reflected(0, Some(1)),
                 // The same wall twice is no path, but no harm either.
-                walls.reflected(anchor_m, 3, Some(3), place_m, std_m),
+                walls.paths(anchor_m, place_m, std_m).reflected(3, Some(3)),
             ];
             assert!(all.iter().all(|value| (0.0..=1.0).contains(value)), "{scene:?} {anchor_m:?}: {all:?}");
-            assert_eq!(walls.reflected(anchor_m, 0, Some(9), place_m, std_m), 0.0);
+            assert_eq!(walls.paths(anchor_m, place_m, std_m).reflected(0, Some(9)), 0.0);
         }
     }
 }

@@ -70,6 +70,8 @@ pub struct Wall {
     pub told: PlanWall,
     /// Its slot in the state filter, where a source is reflected by it.
     pub surface: Option<u8>,
+    /// Where its segments begin and end among all.
+    segments: [u16; 2],
 }
 
 /// A segment as it is kept: part of a wall's line.
@@ -101,7 +103,7 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
         if given > SEGMENTS {
             return Err(Error::PlanSize { given, limit: SEGMENTS });
         }
-        let is_angle = turn_std_rad >= 0.0 && turn_std_rad <= 1.0;
+        let is_angle = (0.0..=1.0).contains(&turn_std_rad);
         if !is_angle || reflections > MOST_REFLECTIONS {
             return Err(Error::PlanSettings);
         }
@@ -117,11 +119,18 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
             let is_on_line =
                 abs(wall.line.distance_m(from)) <= OFF_LINE_M && abs(wall.line.distance_m(to)) <= OFF_LINE_M;
             let [a, b] = [wall.line.place_m(from), wall.line.place_m(to)];
-            let extent_m = [smaller(a, b), larger(a, b)];
             if !is_on_line || !(abs(b - a) >= SHORTEST_M) || !are_near(&segment.ends_m) {
                 return Err(Error::PlanSegment { index });
             }
-            let _ = kept.segments.push(Segment { wall: segment.wall as u16, extent_m });
+        }
+        for (index, wall) in kept.walls.iter_mut().enumerate() {
+            let begin = kept.segments.len() as u16;
+            for segment in segments.iter().filter(|segment| segment.wall == index) {
+                let [a, b] = segment.ends_m.map(|end_m| wall.line.place_m(end_m));
+                let extent_m = [smaller(a, b), larger(a, b)];
+                let _ = kept.segments.push(Segment { wall: index as u16, extent_m });
+            }
+            wall.segments = [begin, kept.segments.len() as u16];
         }
         if outline_m.len() == 1 || outline_m.len() == 2 {
             return Err(Error::PlanOutline { index: outline_m.len() });
@@ -140,9 +149,15 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
         &self.walls
     }
 
-    /// The segments of all walls.
+    /// The segments of all walls, by wall.
     pub fn segments(&self) -> &Vec<Segment, SEGMENTS> {
         &self.segments
+    }
+
+    /// The segments of a wall of this plan.
+    pub fn segments_of(&self, wall: &Wall) -> &[Segment] {
+        let [begin, end] = wall.segments.map(usize::from);
+        self.segments.get(begin..end).unwrap_or_default()
     }
 
     /// Corners of the outline, metres.
@@ -226,7 +241,7 @@ fn are_near(points_m: &[[f32; 2]]) -> bool {
 /// The wall that these segments make; `None` where it has none, or deviations out of range.
 fn wall(index: usize, told: &PlanWall, segments: &[PlanSegment]) -> Option<Wall> {
     let PlanWall { offset_std_m: o, rotation_std_rad: r } = *told;
-    let is_told = (o == 0.0 || (o >= 1e-4 && o <= 100.0)) && (r == 0.0 || (r >= 1e-6 && r <= 1.0));
+    let is_told = (o == 0.0 || (1e-4..=100.0).contains(&o)) && (r == 0.0 || (1e-6..=1.0).contains(&r));
     let own = segments.iter().filter(|segment| segment.wall == index);
     let [[ax, ay], [bx, by]] = own.clone().next()?.ends_m;
     let (dx, dy) = (bx - ax, by - ay);
@@ -243,7 +258,7 @@ fn wall(index: usize, told: &PlanWall, segments: &[PlanSegment]) -> Option<Wall>
     }
     let middle_m = 0.5 * (from_m + to_m);
     let line = Line { centre_m: [ax + middle_m * tx, ay + middle_m * ty], normal: [-ty, tx] };
-    Some(Wall { line, half_length_m: 0.5 * (to_m - from_m), told: *told, surface: None })
+    Some(Wall { line, half_length_m: 0.5 * (to_m - from_m), told: *told, surface: None, segments: [0; 2] })
 }
 
 #[cfg(test)]

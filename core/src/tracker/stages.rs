@@ -305,7 +305,7 @@ pub(super) fn look_through<
         let scan = outcome.scan;
         let Some(sight) = told.sight(scan.anchor) else { continue };
         let Some((_, direct)) = outcome.features().next() else { continue };
-        let crossing = walls.crossing(sight.anchor_m, place.position_m, place.std_m);
+        let crossing = walls.paths(sight.anchor_m, place.position_m, place.std_m).crossing();
         transmission.observe(crossing, 1.0 - direct.missed, scan.elapsed_s);
     }
 }

@@ -108,13 +108,13 @@ impl<
         let Self { anchors, plan, filter, environment, channel, clutter, .. } = self;
         let walls = &walls_now(plan, filter, environment, &self.transmission);
         let known = Known { filter, environment, channel, clutter, plan, walls };
-        let place = Place { position_m: place_m, std_m: Place::of(&filter.agent()).std_m };
         let Some(anchor) = anchors.get(source.anchor()) else { return 0.0 };
+        let paths = walls.paths(anchor.position_m, place_m, Place::of(&filter.agent()).std_m);
         match source {
-            Source::Direct { .. } => walls.direct(anchor.position_m, place_m, place.std_m),
-            Source::Virtual { slot, .. } => environment
-                .get(slot)
-                .map_or(0.0, |record| known.available(anchor.position_m, &record.sequence, &place).0),
+            Source::Direct { .. } => paths.direct(),
+            Source::Virtual { slot, .. } => {
+                environment.get(slot).map_or(0.0, |record| known.available(&paths, &record.sequence).0)
+            }
         }
     }
 

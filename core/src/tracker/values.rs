@@ -9,7 +9,7 @@ use crate::memory::discovery::{Background, Viewpoint};
 use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
-use crate::model::availability::{WallNow, Walls};
+use crate::model::availability::{Paths, WallNow, Walls};
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
 use crate::model::image::Sequence;
 use crate::model::motion::Agent;
@@ -149,13 +149,14 @@ impl<
         let association = &told.config.association;
         let detection = |prospect: &Prospect| prospect.detection(scan, association.detection_probability);
         let source = Source::Direct { anchor };
-        let availability = self.walls.direct(sight.anchor_m, place.position_m, place.std_m);
+        let paths = self.walls.paths(sight.anchor_m, place.position_m, place.std_m);
+        let availability = paths.direct();
         let direct = self.prospect(scan, self.filter.regress(source, &sight, None)?, availability);
         let mut expected = Expectations::new(&direct, &detection(&direct));
         for slot in self.environment.images_of(anchor) {
             let source = Source::Virtual { anchor, slot };
             let record = self.environment.get(slot)?;
-            let (availability, sequence) = self.available(sight.anchor_m, &record.sequence, &place);
+            let (availability, sequence) = self.available(&paths, &record.sequence);
             let regression = self.filter.regress(source, &sight, Some(&sequence))?;
             let image = self.prospect(scan, regression, availability);
             expected.add(&image, self.environment.existence(slot), &detection(&image));
@@ -187,15 +188,9 @@ impl<
         }
     }
 
-    /// Probability that the plan lets the path by way of these surfaces through to a place, and in which order it meets them
-    /// there. Surfaces of which no plan tells end nowhere.
-    pub(super) fn available(
-        &self,
-        anchor_m: [f32; 2],
-        sequence: &Sequence,
-        place: &Place,
-    ) -> (f32, Sequence) {
-        let Place { position_m, std_m } = *place;
+    /// Probability that the plan lets the path by way of these surfaces through to where `paths` lead, and in which order it
+    /// meets them there. Surfaces of which no plan tells end nowhere.
+    pub(super) fn available(&self, paths: &Paths<'_, SEGMENTS>, sequence: &Sequence) -> (f32, Sequence) {
         let wall_of = |surface: u8| self.plan.wall_of(usize::from(surface));
         let Some(first) = wall_of(sequence.first) else { return (1.0, *sequence) };
         let second = match sequence.second {
@@ -206,10 +201,9 @@ impl<
             },
         };
         let (Some(second), true) = (second, sequence.is_either_order) else {
-            return (self.walls.reflected(anchor_m, first, second, position_m, std_m), *sequence);
+            return (paths.reflected(first, second), *sequence);
         };
-        let (availability, is_reversed) =
-            self.walls.either_order(anchor_m, [first, second], position_m, std_m);
+        let (availability, is_reversed) = paths.either_order([first, second]);
         (availability, if is_reversed { sequence.reversed() } else { *sequence })
     }
 
@@ -234,7 +228,8 @@ impl<
             return None;
         }
         let anchor = told.anchors.get(record.anchor)?;
-        let (availability, sequence) = self.available(anchor.position_m, &record.sequence, place);
+        let paths = self.walls.paths(anchor.position_m, place.position_m, place.std_m);
+        let (availability, sequence) = self.available(&paths, &record.sequence);
         let (position, covariance_m2) = self.filter.placed(anchor.position_m, &sequence)?;
         Some(Visible {
             source: Source::Virtual { anchor: record.anchor, slot },
@@ -256,7 +251,7 @@ impl<
             position_m: anchor.position_m,
             height_m: told.height_m(anchor),
             covariance_m2: Matrix2::new(0.0, 0.0, 0.0, 0.0),
-            availability: self.walls.direct(anchor.position_m, place.position_m, place.std_m),
+            availability: self.walls.paths(anchor.position_m, place.position_m, place.std_m).direct(),
         });
         let reflected =
             self.environment.iter().filter_map(move |(slot, _)| self.seen_image(told, slot, &place));
