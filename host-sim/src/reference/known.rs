@@ -2,7 +2,7 @@
 
 use super::acquisition::{Acquisition, Landmark, Sweep};
 use super::association::{Expectation, detection_probability};
-use super::availability::{WallNow, Walls};
+use super::availability::{WallNow, availability, either_order};
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::controller::{Library, Outlook, Visible};
@@ -113,23 +113,25 @@ pub fn walls_now<T: Real>(
     filter: &StateFilter<T>,
     environment: &EnvironmentMemory<T>,
     transmission: &TransmissionMemory<T>,
-) -> Walls<T> {
-    Walls::new(plan, |index, wall| {
-        let through = transmission.through(index);
-        let mut now = WallNow { line: wall.line, std_m: T::of(wall.told.offset_std_m), through };
+) -> Vec<WallNow<T>> {
+    let mut walls = Vec::new();
+    for (index, wall) in plan.walls.iter().enumerate() {
+        let mut now = wall.clone();
+        let mut std_m = T::of(wall.told.offset_std_m);
         let mut existence = T::ONE;
         if let Some(slot) = wall.surface {
             if let Some((_, [offset_m, rotation], c)) = filter.surface(slot) {
                 now.line = wall.line.moved(offset_m, rotation);
-                now.std_m = sqrt(larger(c[0][0], T::ZERO));
+                std_m = sqrt(larger(c[0][0], T::ZERO));
             }
             if let Some(record) = environment.surfaces[slot] {
                 existence = record.existence;
             }
         }
-        now.through = T::ONE - existence * (T::ONE - through);
-        now
-    })
+        let through = T::ONE - existence * (T::ONE - transmission.through(index));
+        walls.push(WallNow::new(now, std_m, through));
+    }
+    walls
 }
 
 /// What is known of tag, map and channels.
@@ -146,7 +148,7 @@ pub struct Known<'a, T> {
     /// The plan.
     pub plan: &'a FloorPlan<T>,
     /// Its walls as they stood when the cycle began.
-    pub walls: &'a Walls<T>,
+    pub walls: &'a [WallNow<T>],
 }
 
 impl<T: Real> Known<'_, T> {
@@ -193,21 +195,17 @@ impl<T: Real> Known<'_, T> {
     /// there. A surface that is no wall of the plan ends nowhere, and nothing is in front of it.
     pub fn available(&self, anchor_m: [T; 2], source: Source, place: &Place<T>) -> (T, Option<Sequence>) {
         let Place { position_m, std_m } = *place;
-        let Some(sequence) = self.environment.sequence(source) else {
-            return (self.walls.direct(anchor_m, position_m, std_m), None);
-        };
+        let available = |walls: &[usize]| availability(self.walls, anchor_m, walls, position_m, std_m);
+        let Some(sequence) = self.environment.sequence(source) else { return (available(&[]), None) };
         let walls: Option<Vec<usize>> = sequence.surfaces().map(|slot| self.plan.wall_of(slot)).collect();
         match walls.as_deref() {
             Some(&[first, second]) if sequence.is_either_order => {
-                let (availability, reversed) =
-                    self.walls.either_order(anchor_m, [first, second], position_m, std_m);
-                (availability, Some(if reversed { sequence.reversed() } else { sequence }))
+                let (availability, is_reversed) =
+                    either_order(self.walls, anchor_m, [first, second], position_m, std_m);
+                (availability, Some(if is_reversed { sequence.reversed() } else { sequence }))
             }
-            Some(&[first, ref rest @ ..]) => {
-                let second = rest.first().copied();
-                (self.walls.reflected(anchor_m, first, second, position_m, std_m), Some(sequence))
-            }
-            _ => (T::ONE, Some(sequence)),
+            Some(walls) => (available(walls), Some(sequence)),
+            None => (T::ONE, Some(sequence)),
         }
     }
 

@@ -1,29 +1,24 @@
-//! The floor plan told.
+//! The floor plan: walls as lines with segments on them, and an outline.
+//!
+//! A wall's line runs through the middle of its extent along its first segment; its normal is that direction turned left.
 
-use super::real::{Real, larger, smaller, sqrt, square};
-use super::surface::Line;
+use super::real::{Real, larger, limited, smaller, sqrt, square};
+use super::surface::{Line, dot, less};
 use cogmint_core::{Plan, PlanWall};
 
-/// A wall: all of its segments are on one line.
-#[derive(Clone, Copy, Debug)]
+/// A wall.
+#[derive(Clone, Debug)]
 pub struct Wall<T> {
-    /// Its line, about the middle of its extent.
+    /// Its line.
     pub line: Line<T>,
-    /// Half the extent, metres.
+    /// Half its extent, metres.
     pub half_length_m: T,
+    /// Begin and end of its segments along the tangent, from the centre, metres.
+    pub segments_m: Vec<[T; 2]>,
     /// How far it may be from there.
     pub told: PlanWall,
     /// Its slot in the state filter, where a source is reflected by it.
     pub surface: Option<usize>,
-}
-
-/// A part of a wall's line.
-#[derive(Clone, Copy, Debug)]
-pub struct Segment<T> {
-    /// Index of its wall.
-    pub wall: usize,
-    /// Where it begins and ends along the tangent from the centre, metres.
-    pub extent_m: [T; 2],
 }
 
 /// The plan; all empty where none is told.
@@ -31,30 +26,21 @@ pub struct Segment<T> {
 pub struct FloorPlan<T> {
     /// The walls.
     pub walls: Vec<Wall<T>>,
-    /// Their segments.
-    pub segments: Vec<Segment<T>>,
     /// Corners of the outline, metres.
     pub outline_m: Vec<[T; 2]>,
 }
 
 impl<T: Real> FloorPlan<T> {
-    /// As told.
+    /// As told; the core accepts it.
     pub fn new(plan: &Plan<'_>) -> Self {
         let mut walls = Vec::new();
         for index in 0..plan.walls.len() {
             let own = plan.segments.iter().filter(|segment| segment.wall == index);
-            let ends: Vec<[T; 2]> =
-                own.flat_map(|segment| segment.ends_m).map(|end| end.map(T::of)).collect();
-            walls.push(wall(&ends, plan.walls[index]));
+            let segments: Vec<[[T; 2]; 2]> =
+                own.map(|segment| segment.ends_m.map(|end_m| end_m.map(T::of))).collect();
+            walls.push(wall(&segments, plan.walls[index]));
         }
-        let mut segments = Vec::new();
-        for segment in plan.segments {
-            let line = walls[segment.wall].line;
-            let [a, b] = segment.ends_m.map(|end| line.place_m(end.map(T::of)));
-            segments.push(Segment { wall: segment.wall, extent_m: [smaller(a, b), larger(a, b)] });
-        }
-        let outline_m = plan.outline_m.iter().map(|corner| corner.map(T::of)).collect();
-        Self { walls, segments, outline_m }
+        Self { walls, outline_m: plan.outline_m.iter().map(|corner_m| corner_m.map(T::of)).collect() }
     }
 
     /// Index of the wall whose slot in the state filter this is.
@@ -62,37 +48,75 @@ impl<T: Real> FloorPlan<T> {
         self.walls.iter().position(|wall| wall.surface == Some(surface))
     }
 
-    /// The middle of the outline's box; without an outline, of that of the walls' centres, metres.
-    pub fn middle_m(&self) -> [T; 2] {
-        let mut points = self.outline_m.clone();
-        if points.is_empty() {
-            points = self.walls.iter().map(|wall| wall.line.centre_m).collect();
-        }
-        let mut middle = [T::ZERO; 2];
-        for axis in 0..2 {
-            let (mut low, mut high) = (points[0][axis], points[0][axis]);
-            for point in &points {
-                low = smaller(low, point[axis]);
-                high = larger(high, point[axis]);
+    /// Lower left and upper right corner of the outline; without one of the walls, metres; none where there is neither.
+    pub fn box_m(&self) -> Option<[[T; 2]; 2]> {
+        let mut corners = self.outline_m.clone();
+        if corners.is_empty() {
+            for Wall { line, half_length_m, .. } in &self.walls {
+                let ([x, y], [tx, ty]) = (line.centre_m, line.tangent());
+                let (dx, dy) = (*half_length_m * tx, *half_length_m * ty);
+                corners.push([x - dx, y - dy]);
+                corners.push([x + dx, y + dy]);
             }
-            middle[axis] = T::of(0.5) * (low + high);
         }
-        middle
+        let (mut low, mut high) = (*corners.first()?, *corners.first()?);
+        for corner in &corners {
+            for axis in 0..2 {
+                low[axis] = smaller(low[axis], corner[axis]);
+                high[axis] = larger(high[axis], corner[axis]);
+            }
+        }
+        Some([low, high])
+    }
+
+    /// The middle of that box, metres.
+    pub fn middle_m(&self) -> Option<[T; 2]> {
+        let [low, high] = self.box_m()?;
+        Some([T::of(0.5) * (low[0] + high[0]), T::of(0.5) * (low[1] + high[1])])
+    }
+
+    /// Whether a point is in the outline; everywhere is, where there is none.
+    pub fn is_inside(&self, point_m: [T; 2]) -> bool {
+        let corners = &self.outline_m;
+        let [x, y] = point_m;
+        // On the outline its distance is a zero, which counts as inside whatever its sign.
+        let (mut is_inside, mut nearest) = (corners.is_empty(), T::ONE);
+        for n in 0..corners.len() {
+            let ([ax, ay], [bx, by]) = (corners[n], corners[(n + 1) % corners.len()]);
+            if (ay > y) != (by > y) && x < (bx - ax) * ((y - ay) / (by - ay)) + ax {
+                is_inside = !is_inside;
+            }
+            let side = [bx - ax, by - ay];
+            let length2 = larger(square(side[0]) + square(side[1]), T::of(f32::MIN_POSITIVE));
+            let share = limited(dot([x - ax, y - ay], side) / length2, T::ZERO, T::ONE);
+            let away = [x - (ax + share * side[0]), y - (ay + share * side[1])];
+            nearest = smaller(nearest, square(away[0]) + square(away[1]));
+        }
+        is_inside || nearest == T::ZERO
     }
 }
 
-/// The wall that segments with these ends make; the first one gives its direction.
-fn wall<T: Real>(ends: &[[T; 2]], told: PlanWall) -> Wall<T> {
-    let (a, b) = (ends[0], ends[1]);
-    let d = [b[0] - a[0], b[1] - a[1]];
-    let length_m = sqrt(square(d[0]) + square(d[1]));
-    let t = [d[0] / length_m, d[1] / length_m];
-    let (mut from_m, mut to_m) = (T::ZERO, length_m);
-    for end in ends {
-        let place_m = t[0] * (end[0] - a[0]) + t[1] * (end[1] - a[1]);
-        (from_m, to_m) = (smaller(from_m, place_m), larger(to_m, place_m));
+/// The wall that these segments make.
+fn wall<T: Real>(segments: &[[[T; 2]; 2]], told: PlanWall) -> Wall<T> {
+    let [from, to] = segments[0];
+    let way = less(to, from);
+    let length = sqrt(square(way[0]) + square(way[1]));
+    let tangent = [way[0] / length, way[1] / length];
+    let (mut begin, mut end) = (T::ZERO, length);
+    for point in segments.iter().flatten() {
+        let place = dot(tangent, less(*point, from));
+        begin = smaller(begin, place);
+        end = larger(end, place);
     }
-    let middle_m = T::of(0.5) * (from_m + to_m);
-    let line = Line { centre_m: [a[0] + middle_m * t[0], a[1] + middle_m * t[1]], normal: [-t[1], t[0]] };
-    Wall { line, half_length_m: T::of(0.5) * (to_m - from_m), told, surface: None }
+    let middle = T::of(0.5) * (begin + end);
+    let line = Line {
+        centre_m: [from[0] + middle * tangent[0], from[1] + middle * tangent[1]],
+        normal: [-tangent[1], tangent[0]],
+    };
+    let mut segments_m = Vec::new();
+    for ends in segments {
+        let [a, b] = ends.map(|end| line.place_m(end));
+        segments_m.push([smaller(a, b), larger(a, b)]);
+    }
+    Wall { line, half_length_m: T::of(0.5) * (end - begin), segments_m, told, surface: None }
 }

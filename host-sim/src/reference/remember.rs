@@ -2,7 +2,7 @@
 
 use super::association::Belief;
 use super::association::outcome::Outcome;
-use super::availability::Walls;
+use super::availability::{WallNow, crossing};
 use super::belief::Belief as TagBelief;
 use super::channel_memory::{ChannelMemory, Received, jump};
 use super::clutter::ClutterMemory;
@@ -121,12 +121,13 @@ impl<T: Real> Memories<'_, T> {
 pub fn look_through<T: Real>(
     transmission: &mut TransmissionMemory<T>,
     told: &Told<'_, T>,
-    walls: &Walls<T>,
+    walls: &[WallNow<T>],
     place: &Place<T>,
     outcomes: &[Outcome<T>],
 ) {
     for Outcome { scan, beliefs, .. } in outcomes {
-        let crossing = walls.crossing(told.sight(scan.anchor).anchor_m, place.position_m, place.std_m);
+        let anchor_m = told.sight(scan.anchor).anchor_m;
+        let crossing = crossing(walls, anchor_m, place.position_m, place.std_m);
         transmission.remember(crossing, T::ONE - beliefs.features[0].missed, scan.elapsed_s);
     }
 }

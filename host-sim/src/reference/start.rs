@@ -40,25 +40,21 @@ impl<T: Real> Start<'_, T> {
     ) {
         let free_surfaces = self.filter.free_slots();
         let most = self.environment.free_slots().min(told.most_sources);
-        let max_range_m = T::of(config.ranging.max_range_m);
-        let listed =
-            list(plan, anchors, told.reflections, max_range_m, free_surfaces, self.environment.sources.len());
-        for source in listed.into_iter().take(most) {
-            let Some(first) = self.surface_of(plan, source.first, config.exact_map) else { continue };
-            let second = source.second.map(|wall| self.surface_of(plan, wall, config.exact_map));
-            if second == Some(None) {
-                continue;
-            }
-            let second = second.flatten();
+        let (reflections, max_range_m) = (told.reflections, config.ranging.max_range_m);
+        for source in list(plan, anchors, reflections, max_range_m, free_surfaces, most) {
+            let surfaces: Vec<Option<u8>> =
+                source.walls.iter().map(|&wall| self.surface_of(plan, wall, config.exact_map)).collect();
+            let (first, second) = match surfaces[..] {
+                [Some(first)] => (first, None),
+                [Some(first), Some(second)] => (first, Some(second)),
+                _ => continue,
+            };
             let Some(slot) = self.environment.free_slot() else { break };
             let sequence = Sequence { first, second, is_either_order: source.is_either_order };
             self.environment.insert(slot, source.anchor, sequence, 0);
         }
-        if config.exact_map {
-            return;
-        }
+        let Some(m) = plan.middle_m().filter(|_| !config.exact_map) else { return };
         // The plan may be turned as a whole, about its middle m: that turns a wall, and shifts it by n . J (c - m).
-        let m = plan.middle_m();
         self.filter.correlate(square(T::of(told.turn_std_rad)), |slot| match plan.wall_of(slot) {
             Some(wall) => {
                 let line = &plan.walls[wall].line;

@@ -200,26 +200,26 @@ impl<T: Real> StateFilter<T> {
 
     /// The image of an anchor in a sequence of surfaces, all of them in use.
     fn image(&self, anchor_m: [T; 2], sequence: &Sequence) -> Image<T> {
-        let mut image = Image::still(anchor_m);
-        for (order, slot) in sequence.surfaces().enumerate() {
-            let Some(surface) = &self.surfaces[slot] else { continue };
-            image = match order {
-                0 => Image::first(anchor_m, surface, self.numbers(slot)),
-                _ => image.second(surface, self.numbers(slot)),
-            };
+        let mut walls = Vec::new();
+        for slot in sequence.surfaces() {
+            match self.surfaces[slot] {
+                Some(Surface::Wall(line)) => walls.push((line, self.numbers(slot))),
+                Some(Surface::Private) => return Image::private(self.numbers(slot)),
+                None => unreachable!("sources in use are seen in surfaces in use"),
+            }
         }
-        image
+        Image::of(anchor_m, &walls)
     }
 
     /// Where an image is expected: its curvature shifts the mean, by the covariance of the surfaces' numbers.
     fn expected_m(&self, image: &Image<T>, sequence: &Sequence) -> [T; 2] {
         let slots: Vec<usize> = sequence.surfaces().collect();
-        let mut own = [[[T::ZERO; 2]; 2]; 2];
-        for (order, &slot) in slots.iter().enumerate() {
-            own[order] = self.block(slot, slot);
-        }
-        let cross = if slots.len() == 2 { self.block(slots[0], slots[1]) } else { [[T::ZERO; 2]; 2] };
-        let shift = image.shift_m(&own, &cross);
+        let own: Vec<[T; 2]> = slots.iter().map(|&slot| self.block(slot, slot)[1]).collect();
+        let cross = match slots[..] {
+            [first, second] => self.block(first, second).map(|row| row[1]),
+            _ => [T::ZERO; 2],
+        };
+        let shift = image.shift_m(&own, cross);
         [image.position_m[0] + shift[0], image.position_m[1] + shift[1]]
     }
 
@@ -227,9 +227,10 @@ impl<T: Real> StateFilter<T> {
     /// common.
     fn spread_m2(&self, image: &Image<T>, sequence: &Sequence) -> [T; 3] {
         let slots: Vec<usize> = sequence.surfaces().collect();
+        // D_a C_ab D_b'.
         let part = |a: usize, b: usize| {
-            let [left, right] = [&image.slopes[a], &image.slopes[b]];
-            product(&product(left, &self.block(slots[a], slots[b])), &transposed(right))
+            let left = transposed(&image.slopes[a]);
+            product(&product(&left, &self.block(slots[a], slots[b])), &image.slopes[b])
         };
         let own = part(0, 0);
         let mut spread = [own[0][0], own[1][0], own[1][1]];
@@ -412,16 +413,16 @@ impl<T: Real> StateFilter<T> {
             let image = self.image(sight.anchor_m, sequence);
             position_m = self.expected_m(&image, sequence);
             // Order: what tag and surfaces have in common, surface by surface, then what the surfaces have.
-            for (slot, d) in sequence.surfaces().zip(image.slopes) {
+            for (slot, d) in sequence.surfaces().zip(&image.slopes) {
                 let s = self.slot(slot);
-                let k = product(&self.corner(PX, s), &transposed(&d));
+                let k = product(&self.corner(PX, s), d);
                 spread[0][0] -= num(2.0) * k[0][0];
                 spread[1][0] -= k[1][0] + k[0][1];
                 spread[1][1] -= num(2.0) * k[1][1];
                 for axis in 0..2 {
-                    bias_cross[axis] -= d[axis][0] * c[s][b] + d[axis][1] * c[s + 1][b];
+                    bias_cross[axis] -= d[0][axis] * c[s][b] + d[1][axis] * c[s + 1][b];
                 }
-                slopes.push((slot, d));
+                slopes.push((slot, *d));
             }
             let [xx, yx, yy] = self.spread_m2(&image, sequence);
             spread[0][0] += xx;
@@ -438,7 +439,7 @@ impl<T: Real> StateFilter<T> {
         }
         let mut surfaces = [None; 2];
         for (place, (slot, d)) in surfaces.iter_mut().zip(slopes) {
-            *place = Some((slot, [0, 1].map(|number| -(gx * d[0][number] + gy * d[1][number]))));
+            *place = Some((slot, d.map(|[dx, dy]| -(gx * dx + gy * dy))));
         }
         Regression {
             source,

@@ -19,16 +19,12 @@ impl<T: Real> Line<T> {
 
     /// n . (x - c), metres.
     pub fn distance_m(&self, point_m: [T; 2]) -> T {
-        self.along(self.normal, point_m)
+        dot(self.normal, less(point_m, self.centre_m))
     }
 
     /// t . (x - c), metres.
     pub fn place_m(&self, point_m: [T; 2]) -> T {
-        self.along(self.tangent(), point_m)
-    }
-
-    fn along(&self, direction: [T; 2], point_m: [T; 2]) -> T {
-        direction[0] * (point_m[0] - self.centre_m[0]) + direction[1] * (point_m[1] - self.centre_m[1])
+        dot(self.tangent(), less(point_m, self.centre_m))
     }
 
     /// x - 2 (n . (x - c)) n.
@@ -56,4 +52,14 @@ pub enum Surface<T> {
     Wall(Line<T>),
     /// The image of one anchor: its two numbers are its position (metres).
     Private,
+}
+
+/// The scalar product.
+pub fn dot<T: Real>(a: [T; 2], b: [T; 2]) -> T {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+/// a - b.
+pub fn less<T: Real>(a: [T; 2], b: [T; 2]) -> [T; 2] {
+    [a[0] - b[0], a[1] - b[1]]
 }
