@@ -163,35 +163,35 @@ pub fn verify_setup(
     mut on_progress: impl FnMut(usize),
 ) -> Result<Verification, InputError> {
     let most = max_cycles.unwrap_or(usize::MAX);
-    compare(setup, [recording, recording], file, most, &mut on_progress)
+    compare([setup, setup], [recording, recording], file, most, &mut on_progress)
 }
 
-/// The core runs on the first recording, the reference on the second. Not generic: compiled here once, not again in
+/// The core runs with the first set-up on the first recording, the reference with the second on the second. Not generic: compiled here once, not again in
 /// every crate that calls it.
 fn compare(
-    setup: &Setup,
+    setups: [&Setup; 2],
     recordings: [&Recording; 2],
     file: &Path,
     most: usize,
     on_progress: &mut dyn FnMut(usize),
 ) -> Result<Verification, InputError> {
-    if setup.anchors.len() <= SMALL_ANCHORS {
-        run::<SMALL_ANCHORS>(setup, recordings, file, most, on_progress)
+    if setups[0].anchors.len() <= SMALL_ANCHORS {
+        run::<SMALL_ANCHORS>(setups, recordings, file, most, on_progress)
     } else {
-        run::<LARGE_ANCHORS>(setup, recordings, file, most, on_progress)
+        run::<LARGE_ANCHORS>(setups, recordings, file, most, on_progress)
     }
 }
 
 fn run<const A: usize>(
-    setup: &Setup,
+    [setup, setup_of_reference]: [&Setup; 2],
     [for_core, for_reference]: [&Recording; 2],
     file: &Path,
     most: usize,
     on_progress: &mut dyn FnMut(usize),
 ) -> Result<Verification, InputError> {
     let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
-    let mut single: Reference<f32> = twin::<f32, A>(setup);
-    let mut double: Reference<f64> = twin::<f64, A>(setup);
+    let mut single: Reference<f32> = twin::<f32, A>(setup_of_reference);
+    let mut double: Reference<f64> = twin::<f64, A>(setup_of_reference);
     let mut comparison = Comparison::default();
     let mut errors = ErrorGrowth::default();
     let mut covered = Coverage::default();
@@ -789,8 +789,12 @@ impl ErrorGrowth {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Wall;
+    use crate::geometry::image_source::image_sources;
+    use crate::geometry::visibility::trace_image;
     use crate::recording::{
-        Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
+        Action, Anchor, AssociationModel, Cycle, Frame, Motion, Plan, PlanWall, Radio, Range, Samples, Start,
+        VirtualAnchor,
     };
     use crate::reference::pulse::Pulse;
     use cogmint_core::Variant;
@@ -946,6 +950,94 @@ mod tests {
             Kind::Magnitude => Samples::Magnitude(response.iter().map(|[x, y]| x.hypot(*y) as f32).collect()),
             _ => Samples::Complex(response.iter().map(|sample| sample.map(|part| part as f32)).collect()),
         }
+    }
+
+    /// An L-shaped room with a wall in it that has a door: each wall by its segments.
+    fn l_shape() -> Vec<Vec<[[f64; 2]; 2]>> {
+        let corners = [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [5.0, 4.0], [5.0, 7.0], [0.0, 7.0]];
+        let ahead = corners.into_iter().cycle().skip(1);
+        let mut walls: Vec<_> = corners.into_iter().zip(ahead).map(|(a, b)| vec![[a, b]]).collect();
+        walls.push(vec![[[3.0, 0.0], [3.0, 1.5]], [[3.0, 2.4], [3.0, 3.4]]]);
+        walls
+    }
+
+    /// A recording in that room, two of whose walls are not where the plan tells them and one of which is not there at all:
+    /// the last. `std`: what the plan says of each wall's offset (metres) and rotation (radians). Paths over up to two
+    /// reflections, some of them through a wall.
+    fn walled(
+        kind: Kind,
+        cycles: usize,
+        samples: usize,
+        [offset_std_m, rotation_std_rad]: [f64; 2],
+    ) -> Recording {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(23);
+        let mut recording = circle(kind, 0, 0, 0.0);
+        let anchors = [[0.6, 6.2], [7.2, 0.7]];
+        for (anchor, position_m) in recording.anchors.iter_mut().zip(anchors) {
+            anchor.position_m = position_m;
+        }
+        recording.virtual_anchors.clear();
+        recording.start.position_m = [5.3, 2.3];
+        let mut told = l_shape();
+        let walls: Vec<Wall> =
+            told.iter().flatten().map(|ends_m| Wall { ends_m: *ends_m, construction: 0 }).collect();
+        for [x, y] in told[0].iter_mut().flatten() {
+            *y += 0.06 - 0.01 * *x;
+        }
+        for [x, _] in told[1].iter_mut().flatten() {
+            *x -= 0.12;
+        }
+        told.push(vec![[[5.6, 1.2], [5.6, 3.0]]]);
+        let wall = |segments_m: Vec<[[f64; 2]; 2]>| PlanWall {
+            segments_m,
+            offset_std_m,
+            rotation_std_rad,
+            construction: "concrete".into(),
+        };
+        recording.plan = Some(Plan {
+            outline_m: l_shape().iter().take(6).map(|segments| segments[0][0]).collect(),
+            turn_std_rad: 0.01,
+            reflections: 2,
+            most_sources: 24,
+            walls: told.into_iter().map(wall).collect(),
+        });
+        for n in 0..cycles {
+            let angle = 0.03 * n as f64;
+            let position = [4.0 + 1.3 * angle.cos(), 2.3 + 1.2 * angle.sin()];
+            let mut cycle = Cycle { time_s: 0.1 * n as f64, ..Cycle::default() };
+            cycle.truth_position_m = Some(position);
+            for (anchor, at) in anchors.into_iter().enumerate() {
+                let mut lengths = Vec::new();
+                for image in image_sources(&walls, at, 2) {
+                    let ray = trace_image(&walls, at, &image, position, 1);
+                    if let Some(ray) = ray.filter(|ray| ray.crossed.is_empty() || rng.next_u32() % 3 == 0) {
+                        lengths.push(ray.length_m());
+                    }
+                }
+                if anchor == 0 {
+                    // What no plan tells of.
+                    lengths.push((position[0] + 2.0).hypot(position[1] - 8.0));
+                }
+                if kind == Kind::Ranges {
+                    for length in lengths {
+                        let range_m = length + 0.02 * noise(&mut rng);
+                        cycle.ranges.push(Range { anchor, range_m, std_m: None, angles: None });
+                    }
+                } else {
+                    let action = (n * 5 + anchor) % 6;
+                    cycle.frames.push(Frame {
+                        anchor,
+                        action,
+                        first_sample_delay_s: 1e-9,
+                        first_path_index: None,
+                        line_of_sight: None,
+                        samples: frame(kind, &recording.actions[action], &lengths, samples, &mut rng),
+                    });
+                }
+            }
+            recording.cycles.push(cycle);
+        }
+        recording
     }
 
     fn setup(recording: &Recording) -> Setup {
@@ -1200,6 +1292,101 @@ mod tests {
         assert!(covered.forgotten > 0, "{covered:?}");
     }
 
+    /// Which parts of a map of walls a tracker went through.
+    #[derive(Debug, Default, PartialEq, Eq)]
+    struct WalledCoverage {
+        twice_reflected: bool,
+        either_order: bool,
+        /// Some source was seen, some was out of sight at times.
+        seen: bool,
+        out_of_sight: bool,
+        /// The wall with the door was looked through.
+        looked_through: bool,
+        /// The wall that is not there became doubtful.
+        doubted: bool,
+    }
+
+    fn walled_coverage(setup: &Setup, recording: &Recording) -> WalledCoverage {
+        let mut tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
+        let mut covered = WalledCoverage::default();
+        let usual = tracker.transmission().through(6);
+        for input in inputs(recording) {
+            let report = step(&mut tracker, &input, &mut ()).unwrap().report;
+            for (slot, record) in tracker.environment().iter() {
+                let source = Source::Virtual { anchor: record.anchor, slot };
+                covered.twice_reflected |= record.sequence.second.is_some() && record.hits > 0;
+                covered.either_order |= record.sequence.is_either_order && record.hits > 0;
+                let availability = tracker.availability(source, report.position_m);
+                covered.seen |= availability > 0.9 && record.hits > 5;
+                covered.out_of_sight |= availability < 0.1 && record.hits > 5;
+            }
+            covered.looked_through |= tracker.transmission().through(6) != usual;
+            let absent = tracker.plan().walls()[7].surface.map(usize::from);
+            let absent = absent.and_then(|slot| tracker.environment().surface(slot));
+            covered.doubted |= absent.is_some_and(|record| record.existence < 0.5);
+        }
+        covered
+    }
+
+    const ALL_OF_WALLED: WalledCoverage = WalledCoverage {
+        twice_reflected: true,
+        either_order: true,
+        seen: true,
+        out_of_sight: true,
+        looked_through: true,
+        doubted: true,
+    };
+
+    #[test]
+    fn a_plan_of_uncertain_walls_is_equal() {
+        let recording = walled(Kind::Ranges, 250, 0, [0.1, 0.01]);
+        let setup = setup(&recording);
+        let covered = verified(&setup, &recording).covered;
+        assert_eq!((covered.discovered > 0, covered.forgotten > 0), (true, true), "{covered:?}");
+        assert_eq!(walled_coverage(&setup, &recording), ALL_OF_WALLED);
+    }
+
+    #[test]
+    fn a_plan_of_exact_walls_and_biases_is_equal() {
+        let mut recording = walled(Kind::Ranges, 250, 0, [0.0, 0.0]);
+        recording.radio.range_bias_std_m = 0.1;
+        let setup = setup(&recording);
+        verified(&setup, &recording);
+        assert_eq!(walled_coverage(&setup, &recording), ALL_OF_WALLED);
+    }
+
+    #[test]
+    fn a_plan_told_to_every_variant_is_equal_over_frames() {
+        // Walls that are shifted but not turned, and few sources.
+        let mut recording = walled(Kind::Complex, 60, 200, [0.1, 0.0]);
+        if let Some(plan) = &mut recording.plan {
+            plan.most_sources = 10;
+        }
+        for variant in Variant::ALL {
+            let setup = setup(&recording).with_variant(variant, Path::new("made")).unwrap();
+            let covered = verified(&setup, &recording).covered;
+            assert!(covered.paths > covered.frames, "{variant:?}: {covered:?}");
+        }
+    }
+
+    #[test]
+    fn a_plan_that_differs_in_the_width_of_a_door_or_in_a_deviation_is_found() {
+        let recording = walled(Kind::Ranges, 250, 0, [0.1, 0.01]);
+        let planted: [fn(&mut Plan); 4] = [
+            |plan| plan.walls[6].segments_m[1][0][1] += 0.01,
+            |plan| plan.walls[3].rotation_std_rad += 1e-6,
+            |plan| plan.turn_std_rad += 1e-6,
+            |plan| plan.walls[2].segments_m[0][1][0] += 1e-3,
+        ];
+        for (number, plant) in planted.into_iter().enumerate() {
+            let mut other = recording.clone();
+            plant(other.plan.as_mut().unwrap());
+            let setups = [&setup(&recording), &setup(&other)];
+            let outcome = compare(setups, [&recording, &recording], Path::new("made"), 250, &mut |_| {});
+            assert!(!outcome.unwrap().equal, "number {number}");
+        }
+    }
+
     #[test]
     fn more_than_two_anchors_are_equal() {
         let mut recording = recording(Kind::Ranges, 40, 0);
@@ -1261,8 +1448,9 @@ mod tests {
         let mut other = recording.clone();
         let range = &mut other.cycles[11].ranges[0];
         range.range_m = f64::from((range.range_m as f32).next_up());
+        let setup = setup(&recording);
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
+            compare([&setup, &setup], [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert!(!outcome.equal && outcome.cycles == 12);
         assert_eq!((difference.cycle, difference.stage), (11, "associate"));
@@ -1286,8 +1474,9 @@ mod tests {
             })
             .unwrap();
         samples[strongest][0] = samples[strongest][0].next_up();
+        let setup = setup(&recording);
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
+            compare([&setup, &setup], [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert_eq!((difference.cycle, difference.stage), (3, "estimate"));
     }

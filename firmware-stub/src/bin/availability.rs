@@ -1,6 +1,6 @@
 //! Images and availability alone on a Cortex-M4F: 24 sources of two anchors over 8 walls of 11 segments, at places spread over
-//! the room. For every place, the hash over all images and availabilities and the instructions; at the end the stack, and
-//! what listing the sources took. `tests/on_target.sh` runs it in QEMU; `tests/src/availability.rs` gives the same plan.
+//! the room. For every place, the hash over all images and availabilities and the instructions; beside that the stack, the
+//! memory of the walls, and what listing the sources took. The plan is below: no feed.
 
 #![no_std]
 #![no_main]

@@ -130,7 +130,7 @@ fn leg<T: Real>(walls: &[WallNow<T>], from: Point<T>, to: Point<T>, without: &[u
     let mut through = T::ONE;
     for n in 0..walls.len() {
         if !without.contains(&n) {
-            through = through * (T::ONE - crossed(&walls[n], from, to) * (T::ONE - walls[n].through));
+            through *= T::ONE - crossed(&walls[n], from, to) * (T::ONE - walls[n].through);
         }
     }
     through
@@ -188,7 +188,7 @@ pub fn availability<T: Real>(
         let reflecting = [n.checked_sub(1), Some(n)];
         let without: Vec<usize> =
             reflecting.iter().flatten().filter_map(|&n| sequence.get(n)).copied().collect();
-        available = available * leg(walls, points[n], points[n + 1], &without);
+        available *= leg(walls, points[n], points[n + 1], &without);
     }
     if available < least { T::ZERO } else { available }
 }
