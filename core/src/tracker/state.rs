@@ -168,6 +168,11 @@ impl<
         self.clutter.unexplained()
     }
 
+    /// Share of each anchor's paths of which the range has the tail.
+    pub fn tail(&self) -> &[f32; ANCHORS] {
+        self.clutter.tail()
+    }
+
     /// The configuration.
     pub fn config(&self) -> &Config {
         &self.config

@@ -3,6 +3,7 @@
 use super::{print, print_json};
 use crate::Failure;
 use clap::ValueEnum;
+use cogmint::floor_plan::check::{Check, check};
 use cogmint::floor_plan::export::Export;
 use cogmint::input_error::InputError;
 use cogmint::recording::Recording;
@@ -19,6 +20,10 @@ pub struct Options {
     /// Draw the walls' errors as a recording of this seed has them; without, the plan is told as it stands.
     #[arg(long)]
     seed: Option<u64>,
+    /// Check the plan against the simulated channel instead: which sources have a path where it calls them unavailable or
+    /// clear.
+    #[arg(long, conflicts_with_all = ["format", "seed"])]
+    check: bool,
     /// Print one JSON object.
     #[arg(long, conflicts_with = "format")]
     json: bool,
@@ -35,6 +40,15 @@ enum Format {
 }
 
 pub fn run(options: &Options) -> Result<(), Failure> {
+    if options.check {
+        let (scenario, folder) = Scenario::find(&options.file)?;
+        let check = check(&scenario, folder.as_deref())?;
+        if options.json {
+            return print_json(&check);
+        }
+        print_check(&check);
+        return Ok(());
+    }
     let (export, remark) = find(options)?;
     if options.json {
         return print_json(&export);
@@ -48,6 +62,18 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         Format::Rust => print(export.to_rust().trim_end()),
     }
     Ok(())
+}
+
+fn print_check(check: &Check) {
+    print("the plan calls a source     looks   with a path   share");
+    let rows = [
+        ("unavailable (below 0.1)", &check.unavailable),
+        ("neither", &check.between),
+        ("clear (above 0.9)", &check.clear),
+    ];
+    for (name, looks) in rows {
+        print(&format!("{name:<24} {:>8} {:>13} {:>7.3}", looks.looks, looks.with_path, looks.share()));
+    }
 }
 
 fn find(options: &Options) -> Result<(Export, &'static str), Failure> {

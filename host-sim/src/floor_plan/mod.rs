@@ -11,6 +11,7 @@
 //! In a recording, what is told comes first, in order of use; then the other images that some position of the way sees.
 
 pub mod along_way;
+pub mod check;
 pub mod export;
 pub mod sources;
 pub mod walls;
@@ -65,6 +66,8 @@ pub struct ToldSource {
     pub position_m: [f64; 2],
     /// Standard deviation per axis that follows from the walls' deviations, metres.
     pub std_m: f64,
+    /// Whether the two walls may come in either order.
+    pub is_either_order: bool,
     /// Share of the outline from which it is seen.
     pub seen_share: f64,
 }
@@ -198,6 +201,7 @@ impl Drawn {
                 walls: walls_met,
                 position_m: sources::image_m(walls, walls_met, anchor_m),
                 std_m: sources::std_m(walls, walls_met, anchor_m),
+                is_either_order: listed.is_either_order,
                 seen_share: f64::from(listed.seen_share),
             }
         };

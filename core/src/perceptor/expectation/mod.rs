@@ -164,7 +164,9 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
 
     /// Takes into account that paths received with this pulse disturb each other.
     #[inline(never)]
-    pub fn disturb(&mut self, pulse: &Pulse) {
+    pub fn disturb(&mut self, pulse: &Pulse, unmapped_per_m: f32) {
+        let res = pulse.duration_s * 299_792_458.0;
+        let unknown_m2 = crate::real::tune(15, 0.0) * unmapped_per_m * res * res * res;
         let Self { direct, direct_path, virtual_anchors, expectations, views } = self;
         let arrival = |expectation: &Expectation, sinr: f32| Arrival {
             range_m: expectation.range_m,
@@ -178,7 +180,7 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
             let _ = others.push(arrival(expectation, view.sinr));
         }
         let apply = |overlap: &Overlap, regression: &mut Regression, expectation: &mut Expectation| {
-            regression.residual_m2 += overlap.variance_m2;
+            regression.residual_m2 += overlap.variance_m2 + unknown_m2;
             expectation.variance_m2 = regression.variance_m2();
             expectation.detection = overlap.resolved(expectation.detection);
         };
