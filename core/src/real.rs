@@ -65,11 +65,3 @@ pub fn smaller(a: f32, b: f32) -> f32 {
 pub fn limited(x: f32, low: f32, high: f32) -> f32 {
     smaller(larger(x, low), high)
 }
-/// TEMP
-pub static TUNE: [core::sync::atomic::AtomicU32; 32] =
-    [const { core::sync::atomic::AtomicU32::new(0x7fc0_0000) }; 32];
-/// TEMP
-pub fn tune(i: usize, default: f32) -> f32 {
-    let v = f32::from_bits(TUNE.get(i).map_or(0, |t| t.load(core::sync::atomic::Ordering::Relaxed)));
-    if v.is_nan() { default } else { v }
-}

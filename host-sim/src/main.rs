@@ -72,15 +72,6 @@ impl From<io::Error> for Failure {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    if let Ok(text) = std::env::var("COGTUNE") {
-        // TEMP
-        for part in text.split(',') {
-            let (i, v) = part.split_once(':').unwrap();
-            let v: f32 = v.parse().unwrap();
-            cogmint_core::real::TUNE[i.parse::<usize>().unwrap()]
-                .store(v.to_bits(), std::sync::atomic::Ordering::Relaxed);
-        }
-    }
     let outcome = match arguments.command {
         None => command::demo::run(&arguments.demo),
         Some(Command::Import(source)) => command::import::run(&source),

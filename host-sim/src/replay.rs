@@ -142,6 +142,9 @@ impl Setup {
         config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = radio.range_bias_mean_m as f32;
         config.ranging.bias_std_m = radio.range_bias_std_m as f32;
+        if let Some(floor) = radio.range_floor_pulses {
+            config.ranging.floor_pulses = floor as f32;
+        }
         config.radio.pulse_shape = pulse_shape(radio);
         config.radio.gain_control = radio.gain_control;
         if let Some(spacing) = radio.sample_spacing_s {
@@ -272,6 +275,7 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
             Setting::BiasPrior => {
                 (META_FILE, "radio.range_bias_mean_m or radio.range_bias_std_m", "-10 to 10, and 0 to 10")
             }
+            Setting::RangeFloor => (META_FILE, "radio.range_floor_pulses", "0 to 1"),
             Setting::SampleSpacing => (META_FILE, "radio.sample_spacing_s", "1e-11 to 1e-8"),
             Setting::SampleCount => (ARRAYS_FILE, "frame_samples or frame_magnitude", "16 to 4096 samples"),
             Setting::Carrier => (META_FILE, "actions.carrier_hz", "1e8 to 1e11"),

@@ -419,7 +419,6 @@ impl Comparison {
                 ("variance", a.variance_m2, b.variance_m2),
                 ("SINR", a.sinr, b.sinr),
                 ("energy", a.energy, b.energy),
-                ("variance of its tail", a.tail_m2, b.tail_m2),
                 ("density of false alarms", a.false_alarm, b.false_alarm),
             ];
             for (name, a, b) in numbers {
@@ -512,9 +511,6 @@ impl Comparison {
         self.list(stage, "the channel memory", &numbers, |f| reference.channel.visit(f));
         for (anchor, (a, b)) in core.unexplained().iter().zip(&reference.clutter.unexplained).enumerate() {
             self.float(stage, format_args!("mean of unexplained measurements of anchor {anchor}"), *a, *b);
-        }
-        for (anchor, (a, b)) in core.tail().iter().zip(&reference.clutter.tail).enumerate() {
-            self.float(stage, format_args!("share of paths with a tail of anchor {anchor}"), *a, *b);
         }
 
         let stage = "acquire";
@@ -655,7 +651,7 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
         hash.float(controller.planned_reward.unwrap_or(0.0));
         hash.float(controller.turn_s);
     }
-    reference.clutter.unexplained.iter().chain(&reference.clutter.tail).for_each(|value| hash.float(*value));
+    reference.clutter.unexplained.iter().for_each(|value| hash.float(*value));
     reference.receiver.silent_s.iter().flatten().for_each(|value| hash.float(*value));
     hash.float(reference.receiver.threshold);
     reference.last_heard.mean.iter().for_each(|value| hash.float(*value));
@@ -872,6 +868,7 @@ mod tests {
                 range_std_m: 0.02,
                 range_bias_mean_m: 0.0,
                 range_bias_std_m: 0.0,
+                range_floor_pulses: Some(0.0),
             },
             anchors: ANCHORS
                 .iter()

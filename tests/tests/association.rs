@@ -37,15 +37,8 @@ fn core_and_twin_agree_in_every_bit() {
         for _ in 0..measurements {
             let variance_m2 = deviation_m * deviation_m * (0.01 + uniform());
             let range_m = 1.0 + span_m * uniform();
-            scan.push(Measurement {
-                range_m,
-                variance_m2,
-                tail_m2: 0.0,
-                sinr: 0.0,
-                energy: 0.0,
-                false_alarm: 1.0,
-            })
-            .unwrap();
+            scan.push(Measurement { range_m, variance_m2, sinr: 0.0, energy: 0.0, false_alarm: 1.0 })
+                .unwrap();
         }
         let false_alarms_per_m = if problem % 5 == 0 { 0.0 } else { 0.03 };
         let clutter = Clutter { false_alarms_per_m, all_per_m: 0.03 + 0.2 * uniform() };
@@ -67,7 +60,7 @@ fn core_and_twin_agree_in_every_bit() {
             .map(|z| twin::Measurement {
                 range_m: z.range_m,
                 variance_m2: z.variance_m2,
-                tail_m2: 0.0,
+
                 sinr: 0.0,
                 energy: 0.0,
                 false_alarm: z.false_alarm,

@@ -38,7 +38,7 @@ use crate::model::detection::detection_probability;
 use crate::model::motion::MotionStep;
 use crate::model::source::Source;
 use crate::radio::library::Library;
-use crate::real::{abs, larger, smaller, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger, smaller, sqrt};
 use core::fmt;
 use nalgebra::Matrix4;
 
@@ -169,15 +169,17 @@ pub fn choose_waypoint<const ACTIONS: usize, V: Iterator<Item = (Visible, usize)
     if visible(state.position_m).any(|(_, action)| library.get(action).is_none()) {
         return Err(WaypointError::Action);
     }
-    let mut units_m2 = [0.0; ACTIONS];
-    for (action, unit_m2) in units_m2.iter_mut().enumerate() {
+    let mut variances_m2 = [[0.0; 2]; ACTIONS];
+    for (action, variances_m2) in variances_m2.iter_mut().enumerate() {
         if let Some(entry) = library.get(action) {
-            *unit_m2 = state.variance_inflation * state.radio.pulse(entry).range_variance_m2(1.0);
+            let pulse = state.radio.pulse(entry);
+            let floor_m = state.range_floor_pulses * (pulse.duration_s * SPEED_OF_LIGHT_M_S);
+            *variances_m2 = [state.variance_inflation * pulse.range_variance_m2(1.0), floor_m * floor_m];
         }
     }
     let ranging = RangeQuality {
         channel,
-        units_m2,
+        variances_m2,
         floor_m2: state.range_floor_m * state.range_floor_m,
         threshold: state.threshold,
         step: state.motion.step(settings.period_s),
@@ -230,8 +232,8 @@ pub fn choose_waypoint<const ACTIONS: usize, V: Iterator<Item = (Visible, usize)
 /// What ranges are worth.
 struct RangeQuality<'a, C, const ACTIONS: usize> {
     channel: &'a C,
-    /// Variance of a range at SINR 1, by action, square metres.
-    units_m2: [f32; ACTIONS],
+    /// By action, variance of a range at SINR 1 and what comes on top at any, square metres.
+    variances_m2: [[f32; 2]; ACTIONS],
     floor_m2: f32,
     threshold: f32,
     /// The motion over one cycle.
@@ -417,8 +419,8 @@ impl<C: ChannelKnowledge, const ACTIONS: usize> RangeQuality<'_, C, ACTIONS> {
         if found <= 0.0 {
             return;
         }
-        let unit_m2 = self.units_m2.get(action).copied().unwrap_or(0.0);
-        information.add(slope, (unit_m2 / sinr + self.floor_m2 + map_m2) / found);
+        let [unit_m2, path_m2] = self.variances_m2.get(action).copied().unwrap_or([0.0; 2]);
+        information.add(slope, (unit_m2 / sinr + (self.floor_m2 + path_m2) + map_m2) / found);
     }
 }
 
@@ -466,6 +468,7 @@ mod tests {
             motion: motion(1e-12),
             variance_inflation: 1.0,
             range_floor_m: 0.0,
+            range_floor_pulses: 0.0,
             radio: Config::default().radio,
             // Every path is found.
             threshold: 0.0,
@@ -478,14 +481,7 @@ mod tests {
 
     /// What the memory holds of an anchor seen at this SINR.
     fn see(memory: &mut Memory, anchor: usize, sinr: f32) {
-        let path = Measurement {
-            range_m: 1.0,
-            variance_m2: 1e-4,
-            tail_m2: 0.0,
-            sinr,
-            energy: 1.0,
-            false_alarm: 1.0,
-        };
+        let path = Measurement { range_m: 1.0, variance_m2: 1e-4, sinr, energy: 1.0, false_alarm: 1.0 };
         let source = Source::Direct { anchor };
         let shares = memory.shares(ACTION, &library());
         memory.remember(source, ACTION, &path, 1.0, 0.1);

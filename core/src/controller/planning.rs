@@ -16,7 +16,7 @@ use crate::model::motion::{Motion, MotionStep};
 use crate::model::source::Source;
 use crate::radio::Radio;
 use crate::radio::library::Library;
-use crate::real::{exp, larger, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4};
 
@@ -52,6 +52,8 @@ pub struct PlanningState {
     pub variance_inflation: f32,
     /// Standard deviation that no range goes below, metres.
     pub range_floor_m: f32,
+    /// The same that comes on top for paths, pulse lengths.
+    pub range_floor_pulses: f32,
     /// The radio.
     pub radio: Radio,
     /// Threshold on the normalised energy of a path below which it is not found.
@@ -105,14 +107,16 @@ struct PathQuality {
     odds: f32,
     /// Variance of a range at SINR 1, square metres.
     unit_m2: f32,
+    /// Variance that a range has at any SINR with this action, square metres.
+    floor_m2: f32,
     sinr: f32,
 }
 
 impl PathQuality {
-    /// A path tells something only if it is found: P_d / (unit / SINR + rest), 1/m^2.
+    /// A path tells something only if it is found: P_d / (unit / SINR + rest + floor), 1/m^2.
     #[inline(always)]
     fn weight(&self, view: &View) -> f32 {
-        self.found / (self.odds * (self.unit_m2 + view.rest_m2 * self.sinr))
+        self.found / (self.odds * (self.unit_m2 + (view.rest_m2 + self.floor_m2) * self.sinr))
     }
 }
 
@@ -155,7 +159,7 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
     pub fn expect(&self, sources: impl Iterator<Item = (Visible, usize)>) -> Ahead {
         let mut ahead = [PositionInformation::default(); LONGEST_HORIZON];
         for (sight, action) in sources {
-            let quality = self.quality(&sight, action, self.unit_variance_m2(action));
+            let quality = self.quality(&sight, action, self.variances_m2(action));
             for (sum, view) in ahead.iter_mut().zip(&self.views(&sight)) {
                 sum.add_weighted(view.slope, quality.weight(view));
             }
@@ -171,15 +175,15 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
         given: &Ahead,
         rewards: &mut [f32; ACTIONS],
     ) {
-        let mut unit_variances_m2 = [0.0; BATCH];
-        for (unit, &action) in unit_variances_m2.iter_mut().zip(batch) {
-            *unit = self.unit_variance_m2(action);
+        let mut variances_m2 = [[0.0; 2]; BATCH];
+        for (variances_m2, &action) in variances_m2.iter_mut().zip(batch) {
+            *variances_m2 = self.variances_m2(action);
         }
         let mut information = given.map(|sum| [sum; BATCH]);
         for sight in visible {
             let views = self.views(&sight);
-            for (place, (&action, &unit_m2)) in batch.iter().zip(&unit_variances_m2).enumerate() {
-                let quality = self.quality(&sight, action, unit_m2);
+            for (place, (&action, &variances_m2)) in batch.iter().zip(&variances_m2).enumerate() {
+                let quality = self.quality(&sight, action, variances_m2);
                 for (sums, view) in information.iter_mut().zip(&views) {
                     if let Some(sum) = sums.get_mut(place) {
                         sum.add_weighted(view.slope, quality.weight(view));
@@ -195,21 +199,24 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
         }
     }
 
-    /// Variance of a range at SINR 1, which SINR then divides.
-    fn unit_variance_m2(&self, action: usize) -> f32 {
-        self.library.get(action).map_or(0.0, |entry| {
-            self.state.variance_inflation * self.state.radio.pulse(entry).range_variance_m2(1.0)
+    /// Variance of a range at SINR 1, which SINR then divides, and what comes on top at any.
+    fn variances_m2(&self, action: usize) -> [f32; 2] {
+        self.library.get(action).map_or([0.0; 2], |entry| {
+            let pulse = self.state.radio.pulse(entry);
+            let floor_m = self.state.range_floor_pulses * (pulse.duration_s * SPEED_OF_LIGHT_M_S);
+            [self.state.variance_inflation * pulse.range_variance_m2(1.0), floor_m * floor_m]
         })
     }
 
     #[inline(always)]
-    fn quality(&self, sight: &Visible, action: usize, unit_m2: f32) -> PathQuality {
+    fn quality(&self, sight: &Visible, action: usize, [unit_m2, floor_m2]: [f32; 2]) -> PathQuality {
         let root = exp(0.5 * self.channel.sinr_ln(sight.source, action));
         let sinr = root * root;
         PathQuality {
             found: self.channel.visibility(sight.source) * sight.availability * sinr,
             odds: 1.0 + missed_odds(root, self.threshold_root),
             unit_m2,
+            floor_m2,
             sinr,
         }
     }

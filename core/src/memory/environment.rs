@@ -22,7 +22,7 @@ pub const CONFIRMED: f32 = 0.5;
 pub const FORGOTTEN: f32 = 1e-3;
 /// Tuned: against a plan erased by silence: what hides a source that was never seen does so for a while, in which
 /// looking again tells nothing new: so many independent looks in a second.
-pub const LOOKS_PER_S: f32 = 2.0;
+pub const LOOKS_PER_S: f32 = 0.5;
 /// Guard: against certainty, which no miss would change: a wall can be taken down.
 pub const MOST_CERTAIN: f32 = 0.999;
 
@@ -169,7 +169,7 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
 
     /// Enters the outcome of a scan for every image of its anchor.
     pub fn observe<const PATHS: usize>(&mut self, associated: &AssociatedScan<'_, SOURCES, PATHS>) {
-        let look = probability(crate::real::tune(5, LOOKS_PER_S), associated.scan.elapsed_s);
+        let look = probability(LOOKS_PER_S, associated.scan.elapsed_s);
         let expected = associated.expected;
         let features = associated.features().zip(expected.views()).zip(expected.existences());
         for (((regression, belief), view), prior) in features {

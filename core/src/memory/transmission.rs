@@ -49,11 +49,7 @@ impl<const SEGMENTS: usize> TransmissionMemory<SEGMENTS> {
     pub fn through(&self, wall: usize) -> f32 {
         let clear = larger((self.clear.found_s + USUAL_CLEAR) / (self.clear.looked_s + 1.0), LEAST_CLEAR);
         let Looks { found_s, looked_s } = self.walls.get(wall).copied().unwrap_or_default();
-        smaller(
-            (USUAL_S * (crate::real::tune(9, USUAL_THROUGH) * clear) + found_s)
-                / ((USUAL_S + looked_s) * clear),
-            1.0,
-        )
+        smaller((USUAL_S * (USUAL_THROUGH * clear) + found_s) / ((USUAL_S + looked_s) * clear), 1.0)
     }
 
     /// Enters a look at a direct path that crosses these walls: the probability that it was found, after `elapsed_s` seconds.

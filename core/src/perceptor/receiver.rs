@@ -4,7 +4,7 @@ use super::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSetti
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
 use crate::error::Error;
-use crate::model::measurement::{Measurement, Ranging, TAIL_PULSES};
+use crate::model::measurement::{Measurement, Ranging};
 use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
 use crate::radio::Radio;
 use crate::radio::library::Library;
@@ -163,7 +163,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         scan.take_ranges(ranges.ranges.iter().map(|range| Measurement {
             range_m: range.range_m,
             variance_m2: ranging.measurement_variance_m2(range.variance_m2),
-            tail_m2: 0.0,
+
             sinr: 0.0,
             energy: 0.0,
             false_alarm: 1.0,
@@ -196,6 +196,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         }
         let Self { ranging, estimator, radio, .. } = self;
         scan.action = frame.action;
+        let pulse_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         scan.frame = Some(FrameLevel {
             level: estimate.noise,
             unit,
@@ -203,7 +204,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             sample_spacing_s: radio.sample_spacing_s,
             elapsed_s,
             threshold: estimator.threshold(),
-            resolution_m: pulse.duration_s * SPEED_OF_LIGHT_M_S,
+            resolution_m: pulse_m,
         });
         for path in &estimate.paths {
             let range_m = path.range_m();
@@ -213,16 +214,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             let [re, im] = path.amplitude;
             scan.take_path(Measurement {
                 range_m,
-                variance_m2: ranging
-                    .measurement_variance_m2(crate::real::tune(11, 1.0) * pulse.range_variance_m2(path.sinr))
-                    + {
-                        let k = crate::real::tune(10, 0.0) * pulse.duration_s * 299_792_458.0;
-                        k * k
-                    },
-                tail_m2: {
-                    let k = crate::real::tune(13, TAIL_PULSES) * pulse.duration_s * SPEED_OF_LIGHT_M_S;
-                    k * k
-                },
+                variance_m2: ranging.path_variance_m2(pulse.range_variance_m2(path.sinr), pulse_m),
                 sinr: path.sinr,
                 energy: (re * re + im * im) / unit,
                 false_alarm: 1.0,

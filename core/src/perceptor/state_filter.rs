@@ -484,10 +484,6 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             cross.m32 *= decay;
             cross.m42 *= decay;
             if let Some(block) = row.get_mut(k) {
-                let walk_m2 = match surface {
-                    Surface::Private => walk_m2,
-                    _ => walk_m2 * crate::real::tune(7, 1.0),
-                };
                 let second = match surface {
                     Surface::Private => walk_m2,
                     Surface::Wall(_) => walk_m2 * ROTATION_WALK_PER_M2,

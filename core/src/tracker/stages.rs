@@ -281,7 +281,7 @@ pub(super) fn remember<
             channel.observe(outcome, library, true);
         }
         if !belief.is_acquiring() {
-            clutter.observe(scan.anchor, outcome.unexplained(), outcome.tailed(), scan.elapsed_s);
+            clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);
         }
     }
 }

@@ -61,7 +61,7 @@ pub(super) fn enter_plan<
     }
     if !config.exact_map {
         let [mx, my] = plan.middle_m();
-        let turn = crate::real::tune(8, told.turn_std_rad);
+        let turn = told.turn_std_rad;
         let variance = turn * turn;
         filter.correlate(variance, |slot, _| {
             // A turn about the middle shifts a wall along its normal by n . J (c - m).
@@ -89,7 +89,7 @@ fn surface_of<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize,
     let slot = filter.free_slot()?;
     let std = if is_exact { [0.0; 2] } else { [told.offset_std_m, told.rotation_std_rad] };
     filter.insert_independent(slot, Surface::Wall(line), Vector2::new(0.0, 0.0), std);
-    environment.insert_surface(slot, crate::real::tune(6, TOLD), true);
+    environment.insert_surface(slot, TOLD, true);
     plan.assign(wall, slot as u8);
     Some(slot as u8)
 }

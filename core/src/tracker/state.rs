@@ -168,11 +168,6 @@ impl<
         self.clutter.unexplained()
     }
 
-    /// Share of each anchor's paths of which the range has the tail.
-    pub fn tail(&self) -> &[f32; ANCHORS] {
-        self.clutter.tail()
-    }
-
     /// The configuration.
     pub fn config(&self) -> &Config {
         &self.config
@@ -229,7 +224,7 @@ impl<
             hash.float(controller.planned_reward().unwrap_or(0.0));
             hash.float(controller.turn_s());
         }
-        self.clutter.unexplained().iter().chain(self.clutter.tail()).for_each(|v| hash.float(*v));
+        self.clutter.unexplained().iter().for_each(|v| hash.float(*v));
         self.receiver.silent_s().iter().flatten().for_each(|v| hash.float(*v));
         hash.float(self.receiver.threshold());
         self.last_heard.mean.iter().for_each(|v| hash.float(*v));
@@ -258,10 +253,8 @@ impl<
             hash.word(scan.left_out);
             hash.word(scan.measurements.len() as u32);
             for measurement in &scan.measurements {
-                let Measurement { range_m, variance_m2, tail_m2, sinr, energy, false_alarm } = *measurement;
-                [range_m, variance_m2, tail_m2, sinr, energy, false_alarm]
-                    .into_iter()
-                    .for_each(|v| hash.float(v));
+                let Measurement { range_m, variance_m2, sinr, energy, false_alarm } = *measurement;
+                [range_m, variance_m2, sinr, energy, false_alarm].into_iter().for_each(|v| hash.float(v));
             }
         }
     }

@@ -164,14 +164,7 @@ impl<
         if let Some(action) = told.library.get(scan.action)
             && scan.is_framed()
         {
-            let clutter = self.clutter.clutter(anchor);
-            let mut unmapped_per_m = larger(clutter.all_per_m - clutter.false_alarms_per_m, 0.0);
-            let tau = crate::real::tune(16, 0.0);
-            if tau > 0.0 {
-                let rho = crate::real::exp(-scan.elapsed_s / tau);
-                unmapped_per_m *= (1.0 + rho) / larger(1.0 - rho, 1e-4);
-            }
-            expected.disturb(&told.config.radio.pulse(action), unmapped_per_m);
+            expected.disturb(&told.config.radio.pulse(action));
         }
         Some(expected)
     }
@@ -372,6 +365,7 @@ pub(super) fn planning_state(
         motion: config.motion,
         variance_inflation: config.ranging.variance_inflation,
         range_floor_m: config.ranging.floor_m,
+        range_floor_pulses: config.ranging.floor_pulses,
         radio: config.radio,
         threshold,
     }

@@ -169,6 +169,7 @@ fn recording_of(
             range_bias_mean_m: 0.0,
             // The antenna delay is unknown.
             range_bias_std_m: 0.15,
+            range_floor_pulses: None,
         },
         anchors,
         virtual_anchors: Vec::new(),

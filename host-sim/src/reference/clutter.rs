@@ -2,10 +2,9 @@
 
 use super::association::Clutter;
 use super::clock::gain;
-use super::real::{Real, larger, limited};
+use super::real::{Real, larger};
 use cogmint_core::config::{AssociationSettings, Ranging};
-use cogmint_core::memory::clutter::{LEAST_TAIL, MOST_TAIL, WALK_PER_S};
-use cogmint_core::model::measurement::USUAL_TAIL;
+use cogmint_core::memory::clutter::WALK_PER_S;
 
 /// The memory.
 #[derive(Clone, Debug)]
@@ -14,20 +13,13 @@ pub struct ClutterMemory<T> {
     per_m: T,
     /// Mean number of measurements per scan of unknown origin, by anchor.
     pub unexplained: Vec<T>,
-    /// Share of paths of which the range has the tail, by anchor.
-    pub tail: Vec<T>,
 }
 
 impl<T: Real> ClutterMemory<T> {
     /// What is expected of so many anchors at the start.
     pub fn new(settings: AssociationSettings, ranging: &Ranging, anchors: usize) -> Self {
         let unexplained = T::of(settings.clutter_per_anchor) + T::of(settings.unmapped_per_anchor);
-        Self {
-            settings,
-            per_m: T::ONE / T::of(ranging.max_range_m),
-            unexplained: vec![unexplained; anchors],
-            tail: vec![T::of(USUAL_TAIL); anchors],
-        }
+        Self { settings, per_m: T::ONE / T::of(ranging.max_range_m), unexplained: vec![unexplained; anchors] }
     }
 
     /// Intensities of what an anchor delivers of unknown origin: even, up to the longest range.
@@ -35,16 +27,11 @@ impl<T: Real> ClutterMemory<T> {
         Clutter {
             all_per_m: self.unexplained[anchor] * self.per_m,
             false_alarms_per_m: T::of(self.settings.clutter_per_anchor) * self.per_m,
-            tail: self.tail[anchor],
         }
     }
 
-    /// Enters the number of measurements of a scan that nothing known explains, and of how many paths the range has the tail,
-    /// `dt` seconds after the last.
-    pub fn remember(&mut self, anchor: usize, unexplained: T, [paths, tailed]: [T; 2], dt: T) {
-        // One step of expectation maximisation.
-        let share = self.tail[anchor] + gain(WALK_PER_S, dt) * (tailed - paths * self.tail[anchor]);
-        self.tail[anchor] = limited(share, T::of(LEAST_TAIL), T::of(MOST_TAIL));
+    /// Enters the number of measurements of a scan that nothing known explains, `dt` seconds after the last.
+    pub fn remember(&mut self, anchor: usize, unexplained: T, dt: T) {
         let before = self.unexplained[anchor];
         let mean = before + gain(WALK_PER_S, dt) * (unexplained - before);
         self.unexplained[anchor] = larger(mean, T::of(self.settings.clutter_per_anchor));

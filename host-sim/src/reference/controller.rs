@@ -12,7 +12,7 @@ use super::clock::probability;
 use super::information::{PositionInformation, determinant, position_entropy_nat, range_slope};
 use super::motion::{AGENT, Agent, MotionStep};
 use super::pulse::Pulse;
-use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square};
+use super::real::{Real, abs, exp, larger, limited, ln, speed_of_light, sqrt, square};
 use cogmint_core::config::{ControllerSettings, Radio};
 use cogmint_core::controller::policy::LEAST_TURN_CYCLES;
 use cogmint_core::controller::reward::Reward;
@@ -244,6 +244,8 @@ pub struct Outlook<T> {
     pub variance_inflation: T,
     /// Least standard deviation of a range, metres.
     pub range_floor_m: T,
+    /// What comes on top for paths, pulse lengths.
+    pub range_floor_pulses: T,
     /// The radio.
     pub radio: Radio,
     /// Threshold on the normalised energy of a path.
@@ -336,7 +338,8 @@ impl<T: Real> Prospect<'_, T> {
         let found = memory.visibility(source.source) * source.availability * sinr;
         let odds = T::ONE + missed_odds(root, sqrt(larger(outlook.threshold, T::ZERO)));
         let rest = square(outlook.range_floor_m) + map;
-        information.add_weighted(slope, found / (odds * (unit + rest * sinr)));
+        let unresolved = square(outlook.range_floor_pulses * (pulse.duration_s * speed_of_light::<T>()));
+        information.add_weighted(slope, found / (odds * (unit + (rest + unresolved) * sinr)));
     }
 }
 

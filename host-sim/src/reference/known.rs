@@ -340,6 +340,7 @@ pub fn outlook<T: Real>(config: &Config, agent: &Agent<T>, threshold: T, elapsed
         step: MotionStep::new(&config.motion, elapsed_s),
         variance_inflation: T::of(config.ranging.variance_inflation),
         range_floor_m: T::of(config.ranging.floor_m),
+        range_floor_pulses: T::of(config.ranging.floor_pulses),
         radio: config.radio,
         threshold,
     }

@@ -1,8 +1,9 @@
 //! Whether the tag is where the filter believes it to be: evidence of the measurements, scan by scan.
 
-use super::association::{Clutter, Expectation, Measurement, is_earlier, is_gated, mixture};
-use super::real::{Real, abs, larger, ln, square, tau};
+use super::association::{Clutter, Expectation, Measurement, is_earlier};
+use super::real::{Real, abs, exp, larger, ln, sqrt, square, tau};
 use cogmint_core::perceptor::association::evidence::ELSEWHERE_M;
+use cogmint_core::perceptor::association::factors::GATE;
 use cogmint_core::perceptor::belief::loss::{BeliefSettings, WIDEST_M2};
 
 /// What speaks against the place.
@@ -21,7 +22,7 @@ pub fn evidence_nat<T: Real>(
 ) -> T {
     let half = T::of(0.5);
     let spread = T::of(ELSEWHERE_M);
-    let Clutter { false_alarms_per_m, all_per_m, .. } = *clutter;
+    let Clutter { false_alarms_per_m, all_per_m } = *clutter;
     let unmapped_per_m = all_per_m - false_alarms_per_m;
     let direct = &expectations[0];
     let mut evidence = T::ZERO;
@@ -36,9 +37,9 @@ pub fn evidence_nat<T: Real>(
         for (k, feature) in expectations.iter().enumerate() {
             let shown = feature.existence * feature.detection;
             let squared = square(z.range_m - feature.range_m);
-            let innovation = z.range_m - feature.range_m;
-            if is_gated(innovation, feature.variance_m2, z) && (k == 0 || !earlier) {
-                here += shown * mixture(innovation, feature.variance_m2, z, clutter.tail).per_m;
+            let variance = feature.variance_m2 + z.variance_m2;
+            if squared < square(T::of(GATE)) * variance && (k == 0 || !earlier) {
+                here += shown * exp(T::of(-0.5) * (squared / variance)) / sqrt(tau::<T>() * variance);
             }
             // Cauchy.
             elsewhere += shown * (T::of(2.0) * spread / tau::<T>()) / (square(spread) + squared);

@@ -8,7 +8,6 @@ use super::pulse::Pulse;
 use super::real::{Real, abs, smaller, speed_of_light, square};
 use cogmint_core::Config;
 use cogmint_core::config::{Radio, Ranging};
-use cogmint_core::model::measurement::TAIL_PULSES;
 use cogmint_core::model::observation::{Frame, Observation, RangeScan};
 use cogmint_core::perceptor::channel_estimator::EstimatorSettings;
 use cogmint_core::perceptor::scan::ARTEFACT_RATIO;
@@ -171,7 +170,6 @@ impl<T: Real> Receiver<T> {
             all.push(Measurement {
                 range_m: T::of(range.range_m),
                 variance_m2: self.measurement_variance(T::of(range.variance_m2)),
-                tail_m2: T::ZERO,
                 sinr: T::ZERO,
                 energy: T::ZERO,
                 false_alarm: T::ONE,
@@ -228,8 +226,8 @@ impl<T: Real> Receiver<T> {
             }
             scan.measurements.push(Measurement {
                 range_m,
-                variance_m2: self.measurement_variance(pulse.range_variance_m2(path.sinr)),
-                tail_m2: square(T::of(TAIL_PULSES) * resolution_m),
+                variance_m2: self.measurement_variance(pulse.range_variance_m2(path.sinr))
+                    + square(T::of(self.ranging.floor_pulses) * resolution_m),
                 sinr: path.sinr,
                 energy: (square(path.amplitude[0]) + square(path.amplitude[1])) / unit,
                 false_alarm: false_alarm(path.sinr, threshold),

@@ -50,7 +50,7 @@ impl<T: Real> Memories<'_, T> {
                 self.remember_sources(outcome, &received);
             }
             if !belief.is_acquiring() {
-                self.clutter.remember(scan.anchor, outcome.unexplained(), outcome.tailed(), scan.elapsed_s);
+                self.clutter.remember(scan.anchor, outcome.unexplained(), scan.elapsed_s);
             }
         }
     }

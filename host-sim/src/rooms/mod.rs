@@ -298,6 +298,7 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
         clutter_per_anchor: 0.1,
         max_range_m: libm::ceil(extent.longest_path_m()),
         range_bias_std_m: if is_sounder { 0.0 } else { 0.1 },
+        range_floor_pulses: None,
         floor_plan,
     };
     let drawn = Drawn {

@@ -826,6 +826,11 @@ pub struct Prior {
     /// Prior standard deviation of a range bias that all ranges of an anchor share, metres; 0: none is estimated.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub range_bias_std_m: f64,
+    /// Standard deviation that no path's range goes below, pulse lengths: what unresolved paths do that nobody expects. Without
+    /// it, the tracker's own; 0 in the published experiments, which know all paths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub range_floor_pulses: Option<f64>,
     /// The floor plan.
     pub floor_plan: FloorPlan,
 }
@@ -844,6 +849,7 @@ impl Default for Prior {
             clutter_per_anchor: 0.1,
             max_range_m: 30.0,
             range_bias_std_m: 0.0,
+            range_floor_pulses: None,
             floor_plan: FloorPlan::default(),
         }
     }

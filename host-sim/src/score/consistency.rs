@@ -157,14 +157,8 @@ mod tests {
         assert_eq!(normalised_square([0.0, 0.0], [f64::NAN, 0.0, 1.0]), f64::INFINITY);
         assert_eq!(Consistency::new(&[], &Innovations::default()), Consistency::default());
         let mut innovations = Innovations::default();
-        let measurement = Measurement {
-            range_m: 5.5,
-            variance_m2: 0.0625,
-            tail_m2: 0.0,
-            sinr: 0.0,
-            energy: 0.0,
-            false_alarm: 1.0,
-        };
+        let measurement =
+            Measurement { range_m: 5.5, variance_m2: 0.0625, sinr: 0.0, energy: 0.0, false_alarm: 1.0 };
         innovations.enter(Expected { range_m: 5.0, variance_m2: 0.1875 }, &measurement, 0.75);
         innovations.enter(Expected { range_m: 5.5, variance_m2: 0.1875 }, &measurement, 0.25);
         assert_eq!(innovations.mean(), Some(0.75));

@@ -324,14 +324,7 @@ mod tests {
             let range_m = (x - truth[0]).hypot(y - truth[1]) + noise;
             let mut leftovers: Vec<Measurement, 4> = Vec::new();
             leftovers
-                .push(Measurement {
-                    range_m,
-                    variance_m2: 4e-4,
-                    tail_m2: 0.0,
-                    sinr: 0.0,
-                    energy: 0.0,
-                    false_alarm: 1.0,
-                })
+                .push(Measurement { range_m, variance_m2: 4e-4, sinr: 0.0, energy: 0.0, false_alarm: 1.0 })
                 .unwrap();
             let background =
                 Background { all_per_m: 0.2, false_alarms_per_m: 0.03, detection_probability: 0.95 };

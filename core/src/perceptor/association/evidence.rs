@@ -3,7 +3,7 @@
 use super::factors::GATE;
 use crate::model::measurement::{Clutter, Measurement, is_earlier};
 use crate::perceptor::expectation::Expectation;
-use crate::real::{TAU, abs, ln};
+use crate::real::{TAU, abs, exp, ln, sqrt};
 
 /// Mathematics: scale of the Cauchy distribution of where the paths of a tag that is elsewhere are, metres.
 pub const ELSEWHERE_M: f32 = 1.0;
@@ -28,9 +28,9 @@ pub fn evidence_nat<'a>(
             let probability = feature.existence * feature.detection;
             let innovation = measurement.range_m - feature.range_m;
             let squared = innovation * innovation;
-            let likelihood = measurement.likelihood(innovation, feature.variance_m2, clutter.tail, GATE);
-            if let Some(likelihood) = likelihood.filter(|_| !(is_earlier && index > 0)) {
-                here += probability * likelihood.per_m;
+            let variance = feature.variance_m2 + measurement.variance_m2;
+            if squared < GATE * GATE * variance && !(is_earlier && index > 0) {
+                here += probability * exp(-0.5 * (squared / variance)) / sqrt(TAU * variance);
             }
             elsewhere += probability * (2.0 * ELSEWHERE_M / TAU) / (ELSEWHERE_M * ELSEWHERE_M + squared);
         }

@@ -2,7 +2,7 @@
 
 use crate::model::measurement::{Clutter, Measurement, is_earlier};
 use crate::perceptor::expectation::Expectation;
-use crate::real::{larger, sqrt};
+use crate::real::{exp, larger, sqrt};
 use heapless::Vec;
 
 /// Guard: against work on what explains nothing: beyond this many standard deviations a measurement cannot belong to a feature.
@@ -72,10 +72,10 @@ impl<const PATHS: usize> Row<PATHS> {
         let scale = expectation.existence * expectation.detection / clutter.all_per_m;
         for ((factor, measurement), claim) in psi.iter_mut().zip(measurements).zip(claims) {
             let innovation = measurement.range_m - expectation.range_m;
-            if let Some(likelihood) =
-                measurement.likelihood(innovation, expectation.variance_m2, clutter.tail, GATE)
-            {
-                *factor = scale * likelihood.per_m / claim;
+            let variance = expectation.variance_m2 + measurement.variance_m2;
+            let nis = innovation * innovation / variance;
+            if nis < GATE * GATE {
+                *factor = scale * exp(-0.5 * nis) / (sqrt(crate::real::TAU * variance) * claim);
             }
         }
         let absent = expectation.existence * (1.0 - expectation.detection) + (1.0 - expectation.existence);

@@ -275,7 +275,6 @@ mod tests {
         Measurement {
             range_m,
             variance_m2: deviation_m * deviation_m,
-            tail_m2: 0.0,
             sinr: 0.0,
             energy: 0.0,
             false_alarm: 1.0,
@@ -382,7 +381,7 @@ mod tests {
             (state >> 11) as f64 / (1_u64 << 53) as f64
         };
         let density = 1.0 / 30.0;
-        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density, tail: 0.0 };
+        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
         let (mut best, mut exact, mut errors) = (0, 0, std::vec::Vec::new());
         for _ in 0..problems {
             let mut features = [expectation(0.0, 0.0); K];
@@ -472,7 +471,7 @@ mod tests {
             measurements.push(measurement(range, base)).unwrap();
         }
         let density = 1.0 / 30.0;
-        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density, tail: 0.0 };
+        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
         let beliefs = associate(&with(features[0]), &others, &measurements, &[1.0; 4], &clutter);
         let expected =
             [[0.000185, 0.999815, 0.0, 0.0], [0.559434, 0.0, 0.440566, 0.0], [0.444064, 0.0, 0.555936, 0.0]];
@@ -494,7 +493,7 @@ mod tests {
         let direct = Expectation { existence: 1.0, ..expectation(3.0, 0.1) };
         let mut others: Vec<Expectation, 2> = Vec::new();
         others.push(Expectation { existence: 0.5, ..expectation(4.0, 0.1) }).unwrap();
-        let clutter = Clutter { false_alarms_per_m: 0.03, all_per_m: 0.03, tail: 0.0 };
+        let clutter = Clutter { false_alarms_per_m: 0.03, all_per_m: 0.03 };
         let beliefs = associate::<2, 4>(&direct, &others, &Vec::new(), &[1.0; 4], &clutter);
         assert_eq!(beliefs.direct.missed, 1.0);
         let exact = 0.5 * 0.05 / (0.5 * 0.05 + 0.5);

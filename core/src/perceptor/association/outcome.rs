@@ -7,7 +7,6 @@ use crate::model::range::Regression;
 use crate::model::soft_update::{LEAST_WEIGHT, Moments};
 use crate::perceptor::expectation::Expectations;
 use crate::perceptor::scan::Scan;
-use crate::real::larger;
 use heapless::Vec;
 
 /// A scan, its expectations and the beliefs about them.
@@ -21,8 +20,6 @@ pub struct AssociatedScan<'a, const SOURCES: usize, const PATHS: usize> {
     pub beliefs: Beliefs<SOURCES, PATHS>,
     /// Evidence that the tag is where it is believed to be, nats.
     pub evidence_nat: f32,
-    /// Share of paths whose ranges were expected to have the tail.
-    pub tail: f32,
 }
 
 /// The measurements associated with one source.
@@ -53,8 +50,7 @@ impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS
     /// What the state is moved by: one innovation for every source with which anything is associated.
     pub fn innovations(&self) -> impl Iterator<Item = Innovation> + '_ {
         let measurements = &self.scan.measurements;
-        self.features()
-            .filter_map(|(regression, belief)| innovation(regression, measurements, belief, self.tail))
+        self.features().filter_map(|(regression, belief)| innovation(regression, measurements, belief))
     }
 
     /// Number of measurements, and how many of them more likely than not belong to a known source.
@@ -65,26 +61,6 @@ impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS
             associated += u32::from(free <= 0.5);
         }
         (measurements, associated)
-    }
-
-    /// Number of associated paths whose ranges can have the tail, and of those the expected number that do.
-    pub fn tailed(&self) -> [f32; 2] {
-        let (mut paths, mut tailed) = (0.0, 0.0);
-        for (regression, belief) in self.features() {
-            for (measurement, &p) in self.scan.measurements.iter().zip(&belief.associated) {
-                let nu = measurement.range_m - regression.range_m;
-                let expected_m2 = regression.variance_m2();
-                let likelihood = measurement.likelihood(nu, expected_m2, self.tail, f32::INFINITY);
-                if measurement.tail_m2 > 0.0
-                    && p > LEAST_WEIGHT
-                    && let Some(likelihood) = likelihood
-                {
-                    paths += p;
-                    tailed += p * likelihood.tail;
-                }
-            }
-        }
-        [paths, tailed]
     }
 
     /// Expected number of measurements that belong to nothing known.
@@ -110,7 +86,7 @@ pub fn associate_scan<'a, const SOURCES: usize, const PATHS: usize>(
     if mode == Mode::Map {
         beliefs.harden();
     }
-    AssociatedScan { scan, expected, beliefs, evidence_nat, tail: clutter.tail }
+    AssociatedScan { scan, expected, beliefs, evidence_nat }
 }
 
 /// Sums up the measurements associated with a source; `None` where hardly any probability is.
@@ -118,29 +94,20 @@ fn innovation<const PATHS: usize>(
     regression: &Regression,
     measurements: &Vec<Measurement, PATHS>,
     belief: &Belief<PATHS>,
-    tail: f32,
 ) -> Option<Innovation> {
-    // Moments of nu over its variance, which differs from measurement to measurement and within the mixture.
-    let mut weight = 0.0;
-    let (mut precision, mut first, mut second) = (0.0, 0.0, 0.0);
-    let expected_m2 = regression.variance_m2();
+    let mut moments = Moments::default();
+    let mut variance = 0.0;
     for (measurement, &p) in measurements.iter().zip(&belief.associated) {
         let nu = measurement.range_m - regression.range_m;
-        let Some(likelihood) = measurement.likelihood(nu, expected_m2, tail, f32::INFINITY) else { continue };
-        weight += p;
-        precision += p * likelihood.precision;
-        first += p * likelihood.precision * nu;
-        second += p * likelihood.squared_precision * (nu * nu);
+        moments.weight += p;
+        moments.first_m += p * nu;
+        moments.second_m2 += p * (nu * nu);
+        variance += p * measurement.variance_m2;
     }
-    if weight < LEAST_WEIGHT {
+    if moments.weight < LEAST_WEIGHT {
         return None;
     }
-    // The one variance that gives these.
-    let innovation_m2 = weight / precision;
-    let moments =
-        Moments { weight, first_m: innovation_m2 * first, second_m2: innovation_m2 * innovation_m2 * second };
-    let variance_m2 = larger(innovation_m2 - expected_m2, 0.0);
-    Some(Innovation { regression: *regression, moments, variance_m2 })
+    Some(Innovation { regression: *regression, moments, variance_m2: variance / moments.weight })
 }
 
 /// Mean normalised innovation squared of what was associated: 1 where the filter knows how wrong it is, 0 without

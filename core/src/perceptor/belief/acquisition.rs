@@ -776,7 +776,7 @@ mod tests {
             [Measurement {
                 range_m,
                 variance_m2: deviation_m * deviation_m,
-                tail_m2: 0.0,
+
                 sinr: 0.0,
                 energy: 0.0,
                 false_alarm: 1.0,
@@ -859,7 +859,7 @@ mod tests {
             measurements: &[Measurement {
                 range_m: 8.0,
                 variance_m2: 1e-4,
-                tail_m2: 0.0,
+
                 sinr: 0.0,
                 energy: 0.0,
                 false_alarm: 1.0,

@@ -76,7 +76,7 @@ mod tests {
     use crate::perceptor::association::evidence::evidence_nat;
     use crate::perceptor::expectation::Expectation;
 
-    const CLUTTER: Clutter = Clutter { false_alarms_per_m: 1.0 / 30.0, all_per_m: 2.0 / 30.0, tail: 0.0 };
+    const CLUTTER: Clutter = Clutter { false_alarms_per_m: 1.0 / 30.0, all_per_m: 2.0 / 30.0 };
 
     fn expectation(range_m: f32) -> Expectation {
         Expectation { range_m, variance_m2: 0.0064, existence: 1.0, detection: 0.95 }
@@ -88,7 +88,6 @@ mod tests {
             .map(|&range_m| Measurement {
                 range_m,
                 variance_m2: 0.0036,
-                tail_m2: 0.0,
                 sinr: 0.0,
                 energy: 0.0,
                 false_alarm: 1.0,
@@ -131,14 +130,8 @@ mod tests {
 
     #[test]
     fn a_strong_path_ahead_of_the_direct_one_is_told_at_once_and_no_virtual_anchor_explains_it() {
-        let strong = Measurement {
-            range_m: 3.0,
-            variance_m2: 0.0036,
-            tail_m2: 0.0,
-            sinr: 1000.0,
-            energy: 0.0,
-            false_alarm: 1e-4,
-        };
+        let strong =
+            Measurement { range_m: 3.0, variance_m2: 0.0036, sinr: 1000.0, energy: 0.0, false_alarm: 1e-4 };
         let weak = Measurement { false_alarm: 1.0, ..strong };
         // A virtual anchor is believed to be just there.
         let features = [expectation(4.0), expectation(3.0)];

@@ -86,16 +86,16 @@ pub fn detection<const PATHS: usize>(
         let found = detection_probability(sinr, scan.threshold());
         match (channel.seen, is_unseen_image) {
             (true, _) => (found, channel.visibility * found, false),
-            (false, true) => (found, crate::real::tune(3, HIDDEN_DETECTION), true),
+            (false, true) => (found, HIDDEN_DETECTION, true),
             (false, false) => (found, told, false),
         }
     } else {
         (told, told, false)
     };
     let is_hidden = is_unknown || visible * availability <= HIDDEN_DETECTION;
-    let open = limited(visible, crate::real::tune(4, HIDDEN_DETECTION), told);
+    let open = limited(visible, HIDDEN_DETECTION, told);
     Detection {
-        probability: open - (open - crate::real::tune(2, UNAVAILABLE_DETECTION)) * (1.0 - availability),
+        probability: open - (open - UNAVAILABLE_DETECTION) * (1.0 - availability),
         found: found * availability,
         sighting: if is_hidden { Sighting::Hidden } else { Sighting::Open },
     }
@@ -164,9 +164,7 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
 
     /// Takes into account that paths received with this pulse disturb each other.
     #[inline(never)]
-    pub fn disturb(&mut self, pulse: &Pulse, unmapped_per_m: f32) {
-        let res = pulse.duration_s * 299_792_458.0;
-        let unknown_m2 = crate::real::tune(15, 0.0) * unmapped_per_m * res * res * res;
+    pub fn disturb(&mut self, pulse: &Pulse) {
         let Self { direct, direct_path, virtual_anchors, expectations, views } = self;
         let arrival = |expectation: &Expectation, sinr: f32| Arrival {
             range_m: expectation.range_m,
@@ -180,7 +178,7 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
             let _ = others.push(arrival(expectation, view.sinr));
         }
         let apply = |overlap: &Overlap, regression: &mut Regression, expectation: &mut Expectation| {
-            regression.residual_m2 += overlap.variance_m2 + unknown_m2;
+            regression.residual_m2 += overlap.variance_m2;
             expectation.variance_m2 = regression.variance_m2();
             expectation.detection = overlap.resolved(expectation.detection);
         };

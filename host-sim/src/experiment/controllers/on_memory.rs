@@ -6,6 +6,7 @@
 use super::choice::{Choose, Seen, best};
 use super::truth::Actions;
 use crate::bound::posterior::Posterior;
+use crate::channel::SPEED_OF_LIGHT_M_S;
 use crate::channel::random::normal;
 use cogmint_core::memory::environment::CONFIRMED;
 use cogmint_core::model::channel::ChannelKnowledge as _;
@@ -101,7 +102,11 @@ impl<const A: usize> Choose<A> for OnMemory {
                 let pulse = config.radio.pulse(entry);
                 let range_m2 = f64::from(config.ranging.variance_inflation)
                     * f64::from(pulse.range_variance_m2(sinr as f32))
-                    + f64::from(config.ranging.floor_m).powi(2);
+                    + f64::from(config.ranging.floor_m).powi(2)
+                    + (f64::from(config.ranging.floor_pulses)
+                        * f64::from(pulse.duration_s)
+                        * SPEED_OF_LIGHT_M_S)
+                        .powi(2);
                 let found = f64::from(
                     memory.visibility(source)
                         * available

@@ -35,8 +35,6 @@ pub struct Measurement<T> {
     pub range_m: T,
     /// Variance, square metres.
     pub variance_m2: T,
-    /// Variance that the tail's share has on top, square metres.
-    pub tail_m2: T,
     /// Component SINR; 0 if unknown.
     pub sinr: T,
     /// Energy; 0 if unknown.
@@ -65,8 +63,6 @@ pub struct Clutter<T> {
     pub false_alarms_per_m: T,
     /// False alarms and paths of unmapped virtual anchors.
     pub all_per_m: T,
-    /// Share of paths of which the range has the tail.
-    pub tail: T,
 }
 
 /// Beliefs about one feature.
@@ -272,43 +268,6 @@ fn clusters<T: Real>(psi: &Matrix<T>) -> Vec<Vec<usize>> {
     clusters
 }
 
-/// Whether an innovation is within the gate of the wider of the two Gaussians.
-pub fn is_gated<T: Real>(innovation: T, expected_m2: T, z: &Measurement<T>) -> bool {
-    square(innovation) < T::of(GATE) * T::of(GATE) * (expected_m2 + z.variance_m2 + z.tail_m2)
-}
-
-/// The mixture of two Gaussians that an innovation has.
-#[derive(Clone, Copy, Debug)]
-pub struct Mixture<T> {
-    /// Density.
-    pub per_m: T,
-    /// Means of 1 / S and of 1 / S^2 over both.
-    pub inverse: [T; 2],
-    /// Probability of the wider one.
-    pub wide: T,
-}
-
-/// (1 - t) N(nu; S) + t N(nu; S + tail), S being the variance of expectation and measurement.
-pub fn mixture<T: Real>(innovation: T, expected_m2: T, z: &Measurement<T>, tail: T) -> Mixture<T> {
-    let narrow = expected_m2 + z.variance_m2;
-    let inverse = |variance: T| T::ONE / variance;
-    // Order: the square over the variance as a product with its inverse.
-    let density = |variance: T| {
-        exp(T::of(-0.5) * (square(innovation) * inverse(variance))) / sqrt(tau::<T>() * variance)
-    };
-    if !(z.tail_m2 > T::ZERO) {
-        let i = inverse(narrow);
-        return Mixture { per_m: density(narrow), inverse: [i, square(i)], wide: T::ZERO };
-    }
-    let wide = narrow + z.tail_m2;
-    let parts = [(T::ONE - tail) * density(narrow), tail * density(wide)];
-    let per_m = parts[0] + parts[1];
-    let share = parts[1] / larger(per_m, T::of(f32::MIN_POSITIVE));
-    let rest = T::ONE - share;
-    let [a, b] = [inverse(narrow), inverse(wide)];
-    Mixture { per_m, inverse: [rest * a + share * b, rest * square(a) + share * square(b)], wide: share }
-}
-
 /// psi_km; zero outside the gate.
 fn likelihood<T: Real>(
     feature: &Expectation<T>,
@@ -317,12 +276,15 @@ fn likelihood<T: Real>(
     clutter: &Clutter<T>,
 ) -> T {
     let innovation = measurement.range_m - feature.range_m;
-    if !is_gated(innovation, feature.variance_m2, measurement) {
-        return T::ZERO;
+    let variance = feature.variance_m2 + measurement.variance_m2;
+    let nis = square(innovation) / variance;
+    if nis < T::of(GATE) * T::of(GATE) {
+        // Order: ((r Pd / lambda) exp) / (sqrt c).
+        let scale = feature.existence * feature.detection / clutter.all_per_m;
+        scale * exp(T::of(-0.5) * nis) / (sqrt(tau::<T>() * variance) * claim)
+    } else {
+        T::ZERO
     }
-    // Order: ((r Pd / lambda) N) / c.
-    let scale = feature.existence * feature.detection / clutter.all_per_m;
-    scale * mixture(innovation, feature.variance_m2, measurement, clutter.tail).per_m / claim
 }
 
 /// First-arrival rule: nothing unmapped is shorter than the direct path, so each measurement more than two deviations

@@ -1,11 +1,11 @@
 //! A scan with what was expected in it and what came out: what update and memories read.
 
-use super::{Beliefs, Mixture, associate, mixture};
+use super::{Beliefs, associate};
 use crate::reference::association::Clutter;
 use crate::reference::discovery::Claims;
 use crate::reference::known::Expected;
 use crate::reference::loss::evidence_nat;
-use crate::reference::real::{Real, larger, square};
+use crate::reference::real::Real;
 use crate::reference::receiver::Scan;
 use crate::reference::soft_update::Moments;
 use crate::reference::state_filter::Innovation;
@@ -27,8 +27,6 @@ pub struct Outcome<T> {
     pub beliefs: Beliefs<T>,
     /// Evidence that the tag is where it is believed to be, nats.
     pub evidence_nat: T,
-    /// Share of paths expected to have the tail.
-    pub tail: T,
 }
 
 /// Associates a scan with what was expected in it.
@@ -45,7 +43,7 @@ pub fn associate_scan<T: Real>(
         beliefs.harden();
     }
     let evidence_nat = evidence_nat(&scan.measurements, &features, clutter);
-    Outcome { scan, expected, claims, beliefs, evidence_nat, tail: clutter.tail }
+    Outcome { scan, expected, claims, beliefs, evidence_nat }
 }
 
 impl<T: Real> Outcome<T> {
@@ -53,42 +51,18 @@ impl<T: Real> Outcome<T> {
     pub fn innovations(&self) -> Vec<Innovation<T>> {
         let mut innovations = Vec::new();
         for (Expected { regression, .. }, belief) in self.expected.iter().zip(&self.beliefs.features) {
-            let expected_m2 = regression.variance_m2();
-            // Sums of p, p / S, p nu / S and p nu^2 / S^2.
-            let mut sums = [T::ZERO; 4];
+            let mut moments = Moments::none();
+            let mut variance = T::ZERO;
             for (z, &p) in self.scan.measurements.iter().zip(&belief.associated) {
-                let nu = z.range_m - regression.range_m;
-                let Mixture { inverse, .. } = mixture(nu, expected_m2, z, self.tail);
-                sums[0] += p;
-                sums[1] += p * inverse[0];
-                sums[2] += p * inverse[0] * nu;
-                sums[3] += p * inverse[1] * square(nu);
+                moments.add(p, z.range_m - regression.range_m);
+                variance += p * z.variance_m2;
             }
-            let [weight, precision, first, second] = sums;
-            if weight >= T::of(LEAST_WEIGHT) {
-                // Of one Gaussian that does the same to the state.
-                let s = weight / precision;
-                let moments = Moments { weight, first_m: s * first, second_m2: s * s * second };
-                let variance_m2 = larger(s - expected_m2, T::ZERO);
+            if moments.weight >= T::of(LEAST_WEIGHT) {
+                let variance_m2 = variance / moments.weight;
                 innovations.push(Innovation { regression: *regression, moments, variance_m2 });
             }
         }
         innovations
-    }
-
-    /// Number of associated paths of which the range can have the tail, and of those that do.
-    pub fn tailed(&self) -> [T; 2] {
-        let mut counts = [T::ZERO; 2];
-        for (Expected { regression, .. }, belief) in self.expected.iter().zip(&self.beliefs.features) {
-            for (z, &p) in self.scan.measurements.iter().zip(&belief.associated) {
-                if z.tail_m2 > T::ZERO && p > T::of(LEAST_WEIGHT) {
-                    let nu = z.range_m - regression.range_m;
-                    counts[0] += p;
-                    counts[1] += p * mixture(nu, regression.variance_m2(), z, self.tail).wide;
-                }
-            }
-        }
-        counts
     }
 
     /// Number of measurements that nothing known explains.
