@@ -386,8 +386,8 @@ mod tests {
     }
 
     #[test]
-    fn what_a_plan_tells_of_and_nobody_sees_fades_in_hundreds_of_scans() {
+    fn what_is_told_and_nobody_sees_fades_in_thousands_of_scans() {
         assert!(after_misses(0, 0.1, Sighting::Hidden, 100) > CONFIRMED * 0.5);
-        assert!(after_misses(0, 0.1, Sighting::Hidden, 1000) < FORGOTTEN);
+        assert!(after_misses(0, 0.1, Sighting::Hidden, 4000) < FORGOTTEN);
     }
 }

@@ -15,6 +15,7 @@
 
 use super::association::{Measurement, is_earlier};
 use super::motion::{AGENT, Agent, MotionStep, PX, PY, VX, VY, mirror};
+use super::plan::FloorPlan;
 use super::range::{Line, height_variance_m2, regress_distance};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
 use super::soft_update::{Moments, SoftUpdate};
@@ -23,7 +24,7 @@ use cogmint_core::model::range::LEAST_RADIUS2_M2;
 use cogmint_core::model::soft_update::LEAST_WEIGHT;
 use cogmint_core::perceptor::belief::acquisition::{
     ARC_STD, AcquisitionSettings, BRANCHES, DIRECTIONS, DOUBT, EARLIER, EARLIEST, GATE2, LEAST_DETERMINANT,
-    LEAST_FACTOR, LIGHTEST, NEXT_DIRECTION, PLACES, PRIOR_GATE2, ROUNDING_MARGIN,
+    LEAST_FACTOR, LIGHTEST, NEXT_DIRECTION, OUTSIDE, PLACES, PRIOR_GATE2, ROUNDING_MARGIN,
 };
 use std::cmp::Ordering;
 use std::fmt;
@@ -169,7 +170,7 @@ impl<T: Real> Acquisition<T> {
     }
 
     /// Weighs all places by the sweeps of a cycle, and proposes new ones.
-    pub fn observe(&mut self, sweeps: &[Sweep<T>]) -> bool {
+    pub fn observe(&mut self, sweeps: &[Sweep<T>], plan: &FloorPlan<T>) -> bool {
         if sweeps.iter().all(|sweep| sweep.measurements.is_empty()) {
             return false;
         }
@@ -181,7 +182,7 @@ impl<T: Real> Acquisition<T> {
         if newcomers_matter {
             self.scans = 0;
             for s in 0..sweeps.len() {
-                self.propose(sweeps, s);
+                self.propose(sweeps, s, plan);
             }
         }
         // A place that comes later was heard by nobody up to here.
@@ -221,7 +222,7 @@ impl<T: Real> Acquisition<T> {
     }
 
     /// The places at which an early range of sweep `s` would be its direct path.
-    fn propose(&mut self, sweeps: &[Sweep<T>], s: usize) {
+    fn propose(&mut self, sweeps: &[Sweep<T>], s: usize, plan: &FloorPlan<T>) {
         let sweep = &sweeps[s];
         let mut after = T::ZERO;
         for _ in 0..EARLIEST {
@@ -245,7 +246,8 @@ impl<T: Real> Acquisition<T> {
             for _ in 0..DIRECTIONS {
                 // Most arcs are out of reach of the prior.
                 let place = self.on_arc(sweep.direct.position_m, direction, radius_m, variance_m2);
-                if let Some(place) = place {
+                if let Some(mut place) = place {
+                    place.weight_ln += ln(larger(inside(&place.agent, plan), T::of(OUTSIDE)));
                     self.offer(place.hear(sweeps, Some((s, after))));
                 }
                 let ([x, y], [c, s]) = (direction, NEXT_DIRECTION.map(T::of));
@@ -409,6 +411,13 @@ impl<T: Real> Acquisition<T> {
             }
         }
     }
+}
+
+/// Probability that a tag which is thought to be there is inside the outline.
+fn inside<T: Real>(agent: &Agent<T>, plan: &FloorPlan<T>) -> T {
+    let c = &agent.covariance;
+    let std_m = sqrt(larger(T::of(0.5) * (c[PX][PX] + c[PY][PY]), T::ZERO));
+    plan.inside([agent.mean[PX], agent.mean[PY]], std_m)
 }
 
 impl<T: Real> Place<T> {

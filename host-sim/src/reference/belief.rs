@@ -3,6 +3,7 @@
 use super::acquisition::{Acquisition, Sweep};
 use super::loss::LossMonitor;
 use super::motion::{Agent, MotionStep, PX, PY, VX, VY};
+use super::plan::FloorPlan;
 use super::real::{Real, smaller, square};
 use super::zeros;
 use cogmint_core::Config;
@@ -80,9 +81,9 @@ impl<T: Real> Belief<T> {
 
     /// Weighs the places the tag may be at; where it is taken to be, if anything was heard. Once there is only one place, it is
     /// there.
-    pub fn locate(&mut self, sweeps: &[Sweep<T>]) -> Option<Agent<T>> {
+    pub fn locate(&mut self, sweeps: &[Sweep<T>], plan: &FloorPlan<T>) -> Option<Agent<T>> {
         let acquisition = self.acquisition.as_mut()?;
-        if !acquisition.observe(sweeps) {
+        if !acquisition.observe(sweeps, plan) {
             return None;
         }
         match acquisition.settled() {

@@ -208,7 +208,7 @@ impl<T: Real> Reference<T> {
             let known = Known { filter, environment, channel, clutter, plan, walls };
             let sweep = |scan: &Scan<T>| known.sweep(&told, scan, acquisition);
             let sweeps: Vec<_> = scans.iter().map(sweep).collect();
-            if let Some(agent) = belief.locate(&sweeps) {
+            if let Some(agent) = belief.locate(&sweeps, plan) {
                 filter.place(&agent);
             }
         }

@@ -2,8 +2,10 @@
 //!
 //! A wall's line runs through the middle of its extent along its first segment; its normal is that direction turned left.
 
-use super::real::{Real, larger, limited, smaller, sqrt, square};
+use super::real::{Real, exp, larger, limited, smaller, sqrt, square};
 use super::surface::{Line, dot, less};
+use cogmint_core::model::detection::LOGISTIC;
+use cogmint_core::model::plan::OUTLINE_STD_M;
 use cogmint_core::{Plan, PlanWall};
 
 /// A wall.
@@ -76,6 +78,30 @@ impl<T: Real> FloorPlan<T> {
     }
 
     /// Whether a point is in the outline; everywhere is, where there is none.
+    /// Probability that a point known within `std_m` per axis is inside the outline; 1 without one.
+    pub fn inside(&self, point_m: [T; 2], std_m: T) -> T {
+        let corners = &self.outline_m;
+        if corners.is_empty() {
+            return T::ONE;
+        }
+        // The distance from the nearest side, squared.
+        let mut nearest = T::of(f32::INFINITY);
+        for (n, a) in corners.iter().enumerate() {
+            let b = corners[(n + 1) % corners.len()];
+            let side = less(b, *a);
+            let from = less(point_m, *a);
+            let length2 = larger(square(side[0]) + square(side[1]), T::of(f32::MIN_POSITIVE));
+            let share = limited(dot(from, side) / length2, T::ZERO, T::ONE);
+            let off = [0, 1].map(|axis| point_m[axis] - (a[axis] + share * side[axis]));
+            nearest = smaller(nearest, square(off[0]) + square(off[1]));
+        }
+        let distance = sqrt(nearest);
+        let depth = if self.is_inside(point_m) { distance } else { -distance };
+        let deviation = sqrt(square(std_m) + square(T::of(OUTLINE_STD_M)));
+        T::ONE / (T::ONE + exp(-T::of(LOGISTIC) * (depth / deviation)))
+    }
+
+    /// Whether a point is inside the outline.
     pub fn is_inside(&self, point_m: [T; 2]) -> bool {
         let corners = &self.outline_m;
         let [x, y] = point_m;
