@@ -38,6 +38,8 @@ pub struct CycleReport {
     pub discovered: u32,
     /// Virtual anchors forgotten in this cycle, including those that gave way to a discovery.
     pub forgotten: u32,
+    /// Images that one surface explained together with others, and that became images in it.
+    pub joined: u32,
     /// Discoveries dropped because the map was full.
     pub map_full: u32,
     /// Index of the action this cycle's frames were received with (the first anchor's where they differ; the one
@@ -58,6 +60,8 @@ pub struct MapChanges {
     pub discovered: u32,
     /// Virtual anchors forgotten, including those that gave way to a discovery.
     pub forgotten: u32,
+    /// Images that one surface explained together with others, and that became images in it.
+    pub joined: u32,
     /// Discoveries dropped because the map was full.
     pub map_full: u32,
 }
