@@ -1,5 +1,6 @@
 //! What a cycle reports.
 
+use crate::model::surface::Line;
 use crate::radio::library::Action;
 use nalgebra::Matrix2;
 
@@ -51,6 +52,22 @@ pub struct CycleReport {
     pub announced_action: Option<usize>,
     /// The next action, carrier and pulse.
     pub next: Action,
+}
+
+/// A wall as it is believed to stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallEstimate {
+    /// Its line; of a wall that no plan tells of, the centre is where the first of its images to be joined was seen reflected
+    /// at right angles.
+    pub line: Line,
+    /// Standard deviation of its offset along the normal at the centre, metres.
+    pub offset_std_m: f32,
+    /// Standard deviation of its rotation about the centre, radians.
+    pub rotation_std_rad: f32,
+    /// Probability that it exists.
+    pub existence: f32,
+    /// Whether a plan tells of it.
+    pub is_told: bool,
 }
 
 /// What has become of the map in a cycle.
