@@ -64,5 +64,5 @@ pub use config::{Config, Variant};
 pub use error::{Error, Setting};
 pub use model::anchor::{Anchor, MappedVirtualAnchor};
 pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
-pub use report::CycleReport;
+pub use report::{CycleReport, WallEstimate};
 pub use tracker::Tracker;

@@ -1,5 +1,6 @@
 //! What a cycle reports.
 
+use crate::model::surface::Line;
 use crate::radio::library::Action;
 use nalgebra::Matrix2;
 
@@ -38,6 +39,8 @@ pub struct CycleReport {
     pub discovered: u32,
     /// Virtual anchors forgotten in this cycle, including those that gave way to a discovery.
     pub forgotten: u32,
+    /// Images that one surface explained together with others, and that became images in it.
+    pub joined: u32,
     /// Discoveries dropped because the map was full.
     pub map_full: u32,
     /// Index of the action this cycle's frames were received with (the first anchor's where they differ; the one
@@ -51,6 +54,22 @@ pub struct CycleReport {
     pub next: Action,
 }
 
+/// A wall as it is believed to stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallEstimate {
+    /// Its line; of a wall that no plan tells of, the centre is where the first of its images to be joined was seen reflected
+    /// at right angles.
+    pub line: Line,
+    /// Standard deviation of its offset along the normal at the centre, metres.
+    pub offset_std_m: f32,
+    /// Standard deviation of its rotation about the centre, radians.
+    pub rotation_std_rad: f32,
+    /// Probability that it exists.
+    pub existence: f32,
+    /// Whether a plan tells of it.
+    pub is_told: bool,
+}
+
 /// What has become of the map in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MapChanges {
@@ -58,6 +77,8 @@ pub struct MapChanges {
     pub discovered: u32,
     /// Virtual anchors forgotten, including those that gave way to a discovery.
     pub forgotten: u32,
+    /// Images that one surface explained together with others, and that became images in it.
+    pub joined: u32,
     /// Discoveries dropped because the map was full.
     pub map_full: u32,
 }

@@ -179,7 +179,7 @@ impl<
         let map = if acquiring || belief.is_doubtful() {
             MapChanges::default()
         } else {
-            revise_map(filter, environment, channel, discovery, clutter, &told, &outcomes)
+            revise_map(filter, environment, channel, discovery, clutter, &told, &outcomes, *cycle)
         };
 
         observer.stage(Stage::Act);
@@ -210,6 +210,7 @@ impl<
             nis: heard.nis,
             discovered: map.discovered,
             forgotten: map.forgotten,
+            joined: map.joined,
             map_full: map.map_full,
             action: decision.applied,
             next_action: decision.next,

@@ -4,10 +4,13 @@ use crate::estimate_table::Estimate;
 use crate::input_error::InputError;
 use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, TrackFigure};
 use crate::recording::{Cycle, Recording};
-use crate::replay::{CycleInput, LARGE_ANCHORS, SMALL_ANCHORS, Setup, Step, inputs, step};
+use crate::replay::{
+    CycleInput, LARGE_ANCHORS, SMALL_ANCHORS, SURFACES, Setup, SizedTracker, Step, inputs, step,
+};
 use crate::score::Score;
 use crate::score::consistency::{Consistency, Innovations};
 use crate::score::map::{self, MapScore};
+use crate::score::walls::{FoundWall, WallScore};
 use cogmint_core::CycleReport;
 use cogmint_core::memory::environment::CONFIRMED;
 use serde::Serialize;
@@ -43,6 +46,12 @@ pub struct Track {
     pub consistency: Consistency,
     /// Virtual anchors with an existence above one half at the end.
     pub virtual_anchors: Vec<MappedVirtualAnchor>,
+    /// Walls with an existence above one half at the end.
+    pub walls: Vec<FoundWall>,
+    /// Those that no plan told of against those that could be found.
+    pub wall_score: WallScore,
+    /// Images that one surface explained together with others.
+    pub joined: u64,
     /// Range bias of each anchor and its standard deviation at the end, metres; empty where none is estimated.
     pub bias_m: Vec<[f64; 2]>,
     /// Ranges and paths that the core left out because a scan had too many.
@@ -146,6 +155,9 @@ fn run<const A: usize>(
     let errors: Vec<f64> = errors_m.iter().map(|(_, error)| *error).collect();
     let score = Score::new(steps.len(), &errors, steps.iter().map(|step| step.seconds).sum());
     let found: Vec<_> = virtual_anchors.iter().map(|va| (va.anchor, va.position_m)).collect();
+    let walls = walls(&tracker, &estimates);
+    let wall_score = WallScore::new(recording, &walls, &found);
+    let joined = steps.iter().map(|step| u64::from(step.report.joined)).sum();
     let map = MapScore::new(map::truth(recording).as_deref(), &found);
     let consistency = Consistency::new(&claimed, &innovations);
     let mut refusals = steps.iter().filter_map(|step| step.refused);
@@ -166,11 +178,63 @@ fn run<const A: usize>(
         map,
         consistency,
         virtual_anchors,
+        walls,
+        wall_score,
+        joined,
         bias_m,
         left_out,
         refused,
         first_refusal,
     })
+}
+
+/// The walls that the tracker holds, from end to end: as told, or as far as reflections on the estimated way were seen.
+fn walls<const A: usize>(tracker: &SizedTracker<A>, estimates: &[Estimate]) -> Vec<FoundWall> {
+    let wall = |slot: usize| {
+        let wall = tracker.wall(slot)?;
+        if wall.existence <= CONFIRMED {
+            return None;
+        }
+        let line = wall.line;
+        let [x, y] = line.centre_m.map(f64::from);
+        let [tx, ty] = line.tangent().map(f64::from);
+        let told = tracker.plan().wall_of(slot).and_then(|wall| tracker.plan().walls().get(wall));
+        let mut extent = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut cover = |place_m: f64| extent = [extent[0].min(place_m), extent[1].max(place_m)];
+        match told {
+            Some(told) => {
+                cover(-f64::from(told.half_length_m));
+                cover(f64::from(told.half_length_m));
+            }
+            None => {
+                for (_, record) in tracker.environment().iter() {
+                    if record.sequence.order() != 1 || !record.sequence.has(slot) {
+                        continue;
+                    }
+                    let anchor_m = tracker.anchors()[record.anchor].position_m;
+                    let [from_m, a] = [line.distance_m(anchor_m), line.place_m(anchor_m)].map(f64::from);
+                    for estimate in estimates.iter().filter(|estimate| !estimate.searching) {
+                        let tag_m = estimate.position_m.map(|x| x as f32);
+                        let [to_m, b] = [line.distance_m(tag_m), line.place_m(tag_m)].map(f64::from);
+                        if from_m * to_m > 0.0 {
+                            cover(a + (b - a) * from_m / (from_m + to_m));
+                        }
+                    }
+                }
+            }
+        }
+        let [begin, end] = if extent[0] <= extent[1] { extent } else { [0.0; 2] };
+        Some(FoundWall {
+            centre_m: [x, y],
+            normal: line.normal.map(f64::from),
+            offset_std_m: f64::from(wall.offset_std_m),
+            rotation_std_rad: f64::from(wall.rotation_std_rad),
+            existence: f64::from(wall.existence),
+            is_told: wall.is_told,
+            ends_m: [[x + begin * tx, y + begin * ty], [x + end * tx, y + end * ty]],
+        })
+    };
+    (0..SURFACES).filter_map(wall).collect()
 }
 
 /// What is believed after a cycle. While the tag is searched for, the filter's velocity is the mean of those of all places,
@@ -222,6 +286,7 @@ impl Track {
             anchors: recording.anchors.iter().map(|a| (a.name.clone(), a.position_m)).collect(),
             virtual_anchors: true_ones.chain(found).collect(),
             walls: recording.walls.clone(),
+            found_walls: self.walls.iter().map(|wall| wall.ends_m).collect(),
             ellipses: ellipses.collect(),
             shows_map: false,
         };

@@ -58,8 +58,8 @@ pub enum Admission {
 pub struct Removed {
     /// Its slot.
     pub slot: usize,
-    /// The slot of the surface that nothing is seen in any more.
-    pub surface: Option<usize>,
+    /// The slots of the surfaces that nothing is seen in any more.
+    pub surfaces: [Option<usize>; 2],
 }
 
 /// A source: an image of an anchor.
@@ -256,16 +256,49 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         })
     }
 
-    /// Takes the source in `slot` out, and its surface where nothing else is seen in it and no plan tells of it.
+    /// The slot of the image of an anchor in a sequence of surfaces.
+    pub fn source_of(&self, anchor: usize, sequence: &Sequence) -> Option<usize> {
+        let is_it = |record: &Record| record.anchor == anchor && record.sequence == *sequence;
+        self.iter().find(|(_, record)| is_it(record)).map(|(slot, _)| slot)
+    }
+
+    /// Takes the source in `slot` out, and those of its surfaces in which nothing else is seen and of which no plan tells.
     pub fn remove(&mut self, slot: usize) -> Removed {
-        let surface = self.only_surface_of(slot);
-        if let Some(surface) = surface.and_then(|surface| self.surfaces.get_mut(surface)) {
-            *surface = None;
+        let mut surfaces = [None; 2];
+        for gone in &mut surfaces {
+            *gone = self.only_surface_of(slot);
+            if let Some(surface) = gone.and_then(|surface| self.surfaces.get_mut(surface)) {
+                *surface = None;
+            }
         }
         if let Some(record) = self.sources.get_mut(slot) {
             *record = None;
         }
-        Removed { slot, surface }
+        Removed { slot, surfaces }
+    }
+
+    /// The image in `slot` that was seen in a private surface is one in `sequence`: those surfaces exist where that one did or
+    /// they did before. The private surface is gone; its slot is returned.
+    pub fn join(&mut self, slot: usize, sequence: Sequence) -> Option<usize> {
+        let record = self.sources.get_mut(slot)?.as_mut()?;
+        let private = usize::from(record.sequence.first);
+        record.sequence = sequence;
+        let seen = self.surfaces.get_mut(private)?.take()?.existence;
+        for surface in sequence.surfaces() {
+            if let Some(Some(surface)) = self.surfaces.get_mut(surface) {
+                let doubt = (1.0 - surface.existence) * (1.0 - seen);
+                surface.existence = smaller(1.0 - doubt, MOST_CERTAIN);
+            }
+        }
+        Some(private)
+    }
+
+    /// The wall in the slot `wall` exists as certainly as the private surface does in which the source in `slot` is seen.
+    pub fn restore(&mut self, wall: usize, slot: usize) {
+        let existence = self.existence(slot);
+        if let Some(Some(wall)) = self.surfaces.get_mut(wall) {
+            wall.existence = existence;
+        }
     }
 
     /// Takes out what is seen in surfaces that have become improbable and that no plan tells of, and the younger of two images

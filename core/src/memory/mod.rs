@@ -5,4 +5,5 @@ pub mod channel;
 pub mod clutter;
 pub mod discovery;
 pub mod environment;
+pub mod joining;
 pub mod transmission;

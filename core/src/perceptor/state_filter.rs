@@ -427,6 +427,164 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
     }
 
+    /// Covariance of a linear form of surfaces, the sum of D_k s_k over its parts (the slot of s_k, D_k); `None` where a slot
+    /// does not exist.
+    pub fn form_covariance(&self, parts: &[(usize, Matrix2<f32>)]) -> Option<Matrix2<f32>> {
+        let mut sum = Matrix2::new(0.0, 0.0, 0.0, 0.0);
+        for (k, d_k) in parts {
+            for (l, d_l) in parts {
+                let c = times_transposed(&times(d_k, &self.between(*k, *l)?), d_l);
+                sum.m11 += c.m11;
+                sum.m21 += c.m21;
+                sum.m12 += c.m12;
+                sum.m22 += c.m22;
+            }
+        }
+        Some(sum)
+    }
+
+    /// Says that a linear form of surfaces, the sum of D_k s_k over its parts (the slot of s_k, D_k), is larger by `gap` than
+    /// it is, but for an error of `variance` in each of both numbers: two rank-one updates.
+    pub fn constrain(&mut self, parts: &[(usize, Matrix2<f32>)], gap: [f32; 2], variance: f32) {
+        self.cover_rounding();
+        let prior = self.mean.surfaces;
+        for (number, gap) in gap.into_iter().enumerate() {
+            let row = |d: &Matrix2<f32>| if number == 0 { [d.m11, d.m12] } else { [d.m21, d.m22] };
+            let Some((direction, explained)) = self.form_direction(parts, row) else { return };
+            let mut innovation = gap;
+            for (slot, d) in parts {
+                let [hx, hy] = row(d);
+                if let (Some(now), Some(then)) = (self.mean.surfaces.get(*slot), prior.get(*slot)) {
+                    innovation -= hx * (now.x - then.x) + hy * (now.y - then.y);
+                }
+            }
+            let moments = Moments { weight: 1.0, first_m: innovation, second_m2: innovation * innovation };
+            let change = SoftUpdate::new(&moments, explained + variance, explained);
+            self.step(&direction, change.mean, change.covariance);
+            let mut pending = Pending::<SURFACES, 1>::new();
+            pending.push(change.covariance, &direction.surfaces);
+            self.settle(&pending);
+        }
+    }
+
+    /// w = C h and h' C h for the form h that has this row of every part.
+    fn form_direction(
+        &self,
+        parts: &[(usize, Matrix2<f32>)],
+        row: impl Fn(&Matrix2<f32>) -> [f32; 2],
+    ) -> Option<(StateVector<ANCHORS, SURFACES>, f32)> {
+        let c = &self.covariance;
+        let mut agent = Vector4::new(0.0, 0.0, 0.0, 0.0);
+        let mut bias_m = [0.0; ANCHORS];
+        let mut surfaces = [Vector2::new(0.0, 0.0); SURFACES];
+        let nothing = Pending::<SURFACES, 1>::new();
+        for (slot, d) in parts {
+            let [hx, hy] = row(d);
+            let xs = c.xs.get(*slot)?;
+            agent.x += hx * xs.m11 + hy * xs.m12;
+            agent.y += hx * xs.m21 + hy * xs.m22;
+            agent.z += hx * xs.m31 + hy * xs.m32;
+            agent.w += hx * xs.m41 + hy * xs.m42;
+            for (w, bs) in bias_m.iter_mut().zip(c.bs.get(*slot)?) {
+                *w += hx * bs.x + hy * bs.y;
+            }
+            self.add_row(*slot, [hx, hy], &nothing, &mut surfaces)?;
+        }
+        let mut explained = 0.0;
+        for (slot, d) in parts {
+            let [hx, hy] = row(d);
+            let w = surfaces.get(*slot)?;
+            explained += hx * w.x + hy * w.y;
+        }
+        Some((StateVector { agent, bias_m, surfaces }, larger(explained, 0.0)))
+    }
+
+    /// Describes a surface by other numbers: `state` are the new ones now, and `slopes` those of the new over the old. Its
+    /// rows of the covariance are multiplied by them, its own block from both sides. False for a free slot.
+    pub fn rebase(
+        &mut self,
+        slot: usize,
+        surface: Surface,
+        state: Vector2<f32>,
+        slopes: &Matrix2<f32>,
+    ) -> bool {
+        let Some(place @ Some(_)) = self.surfaces.get_mut(slot) else { return false };
+        *place = Some(surface);
+        if let Some(mean) = self.mean.surfaces.get_mut(slot) {
+            *mean = state;
+        }
+        let t = slopes;
+        let c = &mut self.covariance;
+        if let Some(xs) = c.xs.get_mut(slot) {
+            let carried = |x: f32, y: f32| (t.m11 * x + t.m12 * y, t.m21 * x + t.m22 * y);
+            let ((a, e), (b, f)) = (carried(xs.m11, xs.m12), carried(xs.m21, xs.m22));
+            let ((c, g), (d, h)) = (carried(xs.m31, xs.m32), carried(xs.m41, xs.m42));
+            *xs = Matrix4x2::new(a, e, b, f, c, g, d, h);
+        }
+        for bs in c.bs.get_mut(slot).into_iter().flatten() {
+            *bs = Vector2::new(t.m11 * bs.x + t.m12 * bs.y, t.m21 * bs.x + t.m22 * bs.y);
+        }
+        for (k, row) in c.ss.iter_mut().enumerate() {
+            if k == slot {
+                for (l, block) in row.iter_mut().enumerate().take(k + 1) {
+                    *block = times(t, block);
+                    if l == k {
+                        *block = times_transposed(block, t);
+                        block.m12 = block.m21;
+                    }
+                }
+            } else if k > slot
+                && let Some(block) = row.get_mut(slot)
+            {
+                *block = times_transposed(block, t);
+            }
+        }
+        true
+    }
+
+    /// Moves a surface to another slot; what was there is gone. False where `from` is free, or there is no slot `to`.
+    pub fn relocate(&mut self, from: usize, to: usize) -> bool {
+        let Some(Some(surface)) = self.surfaces.get(from).copied() else { return false };
+        if from == to || self.surfaces.get(to).is_none() {
+            return from == to;
+        }
+        self.remove(to);
+        let mut blocks = [Matrix2::new(0.0, 0.0, 0.0, 0.0); SURFACES];
+        for (other, block) in blocks.iter_mut().enumerate() {
+            let other = if other == to { from } else { other };
+            if let Some(between) = self.between(from, other) {
+                *block = between;
+            }
+        }
+        let c = &mut self.covariance;
+        let (xs, bs) = (c.xs.get(from).copied(), c.bs.get(from).copied());
+        if let (Some(place), Some(xs)) = (c.xs.get_mut(to), xs) {
+            *place = xs;
+        }
+        if let (Some(place), Some(bs)) = (c.bs.get_mut(to), bs) {
+            *place = bs;
+        }
+        let state = self.mean.surfaces.get(from).copied();
+        if let (Some(place), Some(state)) = (self.mean.surfaces.get_mut(to), state) {
+            *place = state;
+        }
+        if let Some(place) = self.surfaces.get_mut(to) {
+            *place = Some(surface);
+        }
+        self.remove(from);
+        for (other, block) in blocks.iter().enumerate().filter(|(other, _)| *other != from) {
+            let (row, column, block) = if to >= other {
+                (to, other, *block)
+            } else {
+                (other, to, Matrix2::new(block.m11, block.m21, block.m12, block.m22))
+            };
+            if let Some(place) = self.covariance.ss.get_mut(row).and_then(|row| row.get_mut(column)) {
+                *place = block;
+            }
+        }
+        true
+    }
+
     /// Takes a surface out of the state; false where `slot` is free.
     pub fn remove(&mut self, slot: usize) -> bool {
         let Some(surface) = self.surfaces.get_mut(slot) else { return false };

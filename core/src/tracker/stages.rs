@@ -6,6 +6,7 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
+use crate::memory::joining::join;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
 use crate::model::motion::{Agent, ProcessNoise};
@@ -311,8 +312,9 @@ pub(super) fn look_through<
 }
 
 /// The life of surfaces and images: forgets improbable ones, gives what nothing explained to the candidates, and takes resolved
-/// candidates into the map.
+/// candidates into the map, and joins what one surface explains.
 #[inline(never)]
+#[allow(clippy::too_many_arguments)] // each is a state, or what it is told
 pub(super) fn revise_map<
     const ANCHORS: usize,
     const SURFACES: usize,
@@ -327,6 +329,7 @@ pub(super) fn revise_map<
     clutter: &ClutterMemory<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
+    cycle: u32,
 ) -> MapChanges {
     let mut changes = MapChanges::default();
     let removed = environment.revise(|environment, slot| placed(told, environment, filter, slot));
@@ -377,6 +380,12 @@ pub(super) fn revise_map<
             }
         }
     }
+    if let Some(joined) = join(filter, environment, told.anchors, told.config.ranging.max_range_m, cycle) {
+        changes.joined += 1;
+        if let Some(removed) = joined.removed {
+            take_out(filter, channel, &removed);
+        }
+    }
     changes
 }
 
@@ -397,7 +406,7 @@ fn take_out<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, c
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     removed: &Removed,
 ) {
-    if let Some(surface) = removed.surface {
+    for surface in removed.surfaces.into_iter().flatten() {
         filter.remove(surface);
     }
     channel.forget(removed.slot);

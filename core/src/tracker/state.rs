@@ -15,11 +15,14 @@ use crate::model::measurement::Measurement;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::model::source::Source;
+use crate::model::surface::Surface;
 use crate::perceptor::belief::acquisition::Acquisition;
 use crate::perceptor::expectation::Sighting;
 use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
+use crate::real::{larger, sqrt};
+use crate::report::WallEstimate;
 use crate::trace::TraceHash;
 
 impl<
@@ -100,6 +103,19 @@ impl<
     pub fn image(&self, slot: usize) -> Option<Placed> {
         let record = self.environment.get(slot)?;
         self.filter.placed(self.anchors.get(record.anchor)?.position_m, &record.sequence)
+    }
+
+    /// The wall in a slot of the state filter; `None` where there is none, or a private surface of one image.
+    pub fn wall(&self, slot: usize) -> Option<WallEstimate> {
+        let (Surface::Wall(line), state, c) = self.filter.surface(slot)? else { return None };
+        let record = self.environment.surface(slot)?;
+        Some(WallEstimate {
+            line: line.moved(state.x, state.y),
+            offset_std_m: sqrt(larger(c.m11, 0.0)),
+            rotation_std_rad: sqrt(larger(c.m22, 0.0)),
+            existence: record.existence,
+            is_told: record.is_told,
+        })
     }
 
     /// Probability that the plan lets the path of a source through to a place (metres) that is known as well as the tag's is;

@@ -6,6 +6,7 @@ mod rooms;
 mod survival;
 mod trackers;
 mod tracking;
+mod walls;
 mod waypoints;
 
 use super::{print, print_json};
@@ -30,6 +31,8 @@ pub enum Experiment {
     Controllers(controllers::Options),
     /// What choosing waypoints is worth: the core's application layer beside a straight walk and a random one.
     Waypoints(waypoints::Options),
+    /// The walls that grow on a map without a plan, against those that could be seen.
+    Walls(walls::Options),
     /// Trackers side by side in random rooms that nobody tuned for.
     Rooms(rooms::Options),
     /// Trackers side by side over recordings.
@@ -95,6 +98,7 @@ pub fn run(experiment: &Experiment) -> Result<(), Failure> {
         Experiment::Tracking(options) => tracking::run(options),
         Experiment::Controllers(options) => controllers::run(options),
         Experiment::Waypoints(options) => waypoints::run(options),
+        Experiment::Walls(options) => walls::run(options),
         Experiment::Rooms(options) => rooms::run(options),
         Experiment::Trackers(options) => trackers::run(options),
         Experiment::Survival(options) => survival::run(options),

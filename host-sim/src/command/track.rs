@@ -10,6 +10,7 @@ use cogmint::replay::{PATHS, Setup, TrackerVariant};
 use cogmint::score::Score;
 use cogmint::score::consistency::Consistency;
 use cogmint::score::map::MapScore;
+use cogmint::score::walls::FoundWall;
 use cogmint::track::{MappedVirtualAnchor, track_setup};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -54,6 +55,8 @@ struct Outcome<'a> {
     refused_cycles: usize,
     first_refusal: &'a Option<String>,
     virtual_anchors_found: &'a [MappedVirtualAnchor],
+    walls_found: &'a [FoundWall],
+    images_joined: u64,
     range_bias_m: &'a [[f64; 2]],
     figure: &'a Option<[PathBuf; 2]>,
     table: &'a Option<PathBuf>,
@@ -91,6 +94,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             refused_cycles: run.refused,
             first_refusal: &run.first_refusal,
             virtual_anchors_found: &run.virtual_anchors,
+            walls_found: &run.walls,
+            images_joined: run.joined,
             range_bias_m: &run.bias_m,
             figure: &figure,
             table: &options.table,
@@ -128,6 +133,20 @@ pub fn run(options: &Options) -> Result<(), Failure> {
                 "{anchor:<17} {x:>9.2} {y:>8.2} {:>12.3} {:>10.3}",
                 (xx + yy).sqrt(),
                 va.existence
+            ));
+        }
+    }
+    if !run.walls.is_empty() {
+        print("\nwall through    x m      y m  normal deg  offset dev. m  rotation dev. deg  existence");
+        for wall in &run.walls {
+            let ([x, y], [nx, ny]) = (wall.centre_m, wall.normal);
+            print(&format!(
+                "{:<10} {x:>8.2} {y:>8.2} {:>11.1} {:>14.3} {:>18.2} {:>10.3}",
+                if wall.is_told { "told" } else { "grown" },
+                ny.atan2(nx).to_degrees(),
+                wall.offset_std_m,
+                wall.rotation_std_rad.to_degrees(),
+                wall.existence
             ));
         }
     }

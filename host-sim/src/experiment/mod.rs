@@ -10,4 +10,5 @@ pub mod rooms;
 pub mod side_by_side;
 pub mod survival;
 pub mod tracking;
+pub mod walls;
 pub mod waypoints;

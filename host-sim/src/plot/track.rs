@@ -43,6 +43,8 @@ pub struct TrackFigure {
     pub virtual_anchors: Vec<MappedAnchor>,
     /// Walls, from end to end.
     pub walls: Vec<[[f64; 2]; 2]>,
+    /// Walls as the tracker believes them to stand, from end to end.
+    pub found_walls: Vec<[[f64; 2]; 2]>,
     /// Positions along the first estimated track with their covariances xx, xy, yy, in square metres.
     pub ellipses: Vec<([f64; 2], [f64; 3])>,
     /// Whether the window takes in the virtual anchors, else it keeps to the track and what is near it.
@@ -129,6 +131,9 @@ impl TrackFigure {
         if !self.walls.is_empty() {
             items.push((Key::Line(Stroke::new(WALL, 2.6)), "wall".to_owned()));
         }
+        if !self.found_walls.is_empty() {
+            items.push((Key::Line(Stroke::new(MAPPED, 1.6)), "wall, estimated".to_owned()));
+        }
         items
     }
 
@@ -143,6 +148,9 @@ impl TrackFigure {
         svg.begin_clip(frame.area);
         for wall in self.walls.iter().filter(|wall| wall.iter().all(is_drawable)) {
             svg.line(frame.place(wall[0]), frame.place(wall[1]), Stroke::new(WALL, 2.6));
+        }
+        for wall in self.found_walls.iter().filter(|wall| wall.iter().all(is_drawable)) {
+            svg.line(frame.place(wall[0]), frame.place(wall[1]), Stroke::new(MAPPED, 1.6));
         }
         draw_track(svg, &frame, &self.truth, truth_stroke());
         for &(centre, covariance_m2) in &self.ellipses {

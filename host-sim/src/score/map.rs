@@ -12,10 +12,10 @@ use serde::Serialize;
 /// A found one further than this, metres, from a true one has nothing to do with it.
 const CUT_OFF_M: f64 = 1.0;
 /// A path below this SINR (power ratio) shows nothing of its virtual anchor.
-const SEEN_SINR: f64 = 3.0;
+pub(super) const SEEN_SINR: f64 = 3.0;
 /// A virtual anchor is fair to ask for when its path was that strong in so many cycles: ranges alone do not locate it
 /// sooner.
-const SEEN_CYCLES: usize = 20;
+pub(super) const SEEN_CYCLES: usize = 20;
 
 /// The map against the truth. Without a true map only `found` is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]

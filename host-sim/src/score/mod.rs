@@ -4,5 +4,6 @@ pub mod assignment;
 pub mod consistency;
 pub mod map;
 pub mod position;
+pub mod walls;
 
 pub use position::Score;

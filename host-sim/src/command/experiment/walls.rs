@@ -1,0 +1,56 @@
+//! `cogmint experiment walls`: the walls that grow on a map without a plan.
+
+use super::super::{metres, progress_of};
+use super::{percent, print, print_json};
+use crate::Failure;
+use cogmint::experiment::walls::{Run, run as run_all};
+
+#[derive(clap::Args)]
+pub struct Options {
+    /// Runs per room.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    runs: u32,
+    /// Seed of the first run; the others count on.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print one JSON object instead of tables.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(serde::Serialize)]
+struct Answer {
+    runs: Vec<Run>,
+}
+
+pub fn run(options: &Options) -> Result<(), Failure> {
+    let seeds: Vec<u64> = (0..u64::from(options.runs)).map(|run| options.seed.wrapping_add(run)).collect();
+    let bar = progress_of(2 * seeds.len(), "tracking", "runs");
+    let runs = run_all(&seeds, || bar.inc(1))?;
+    bar.finish_and_clear();
+    if options.json {
+        return print_json(&Answer { runs });
+    }
+    print("room              seed  shown  found  grown  false  images  mapped   RMSE m");
+    for Run { room, seed, score, rmse_m, .. } in &runs {
+        let [images, mapped] = score.images;
+        print(&format!(
+            "{room:<16} {seed:>5} {:>6} {:>6} {:>6} {:>6} {images:>7} {mapped:>7} {:>8}",
+            score.shown,
+            score.found,
+            score.grown,
+            score.false_ones,
+            metres(*rmse_m)
+        ));
+    }
+    let sum = |of: fn(&Run) -> usize| runs.iter().map(of).sum::<usize>();
+    let share = |part: usize, all: usize| percent(part as f64 / all as f64);
+    print(&format!(
+        "\nOf {} walls shown {} found (must be 60 %, aim 85 %); of {} grown {} false (must be 10 %, aim 3 %)",
+        sum(|run| run.score.shown),
+        share(sum(|run| run.score.found), sum(|run| run.score.shown)),
+        sum(|run| run.score.grown),
+        share(sum(|run| run.score.false_ones), sum(|run| run.score.grown)),
+    ));
+    Ok(())
+}
