@@ -67,6 +67,10 @@ pub struct Walls<'a, const SEGMENTS: usize> {
 struct Standing<'a> {
     now: WallNow,
     segments: &'a [Segment],
+    /// Where the first of them begins and the last one ends, metres.
+    extent_m: [f32; 2],
+    /// Distance at which a point without deviation is surely on one side, metres.
+    reach_m: f32,
 }
 
 /// The walls that a direct path crosses.
@@ -122,7 +126,13 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
             let (std_m, through) = (limited(std_m, LEAST_STD_M, MOST_STD_M), limited(through, 0.0, 1.0));
             let now = WallNow { line, std_m, through };
             // As many as in the plan: the pushes succeed.
-            let _ = walls.push(Standing { now, segments: plan.segments_of(wall) });
+            let segments = plan.segments_of(wall);
+            let mut extent_m = [f32::INFINITY, f32::NEG_INFINITY];
+            for Segment { extent_m: [begin_m, end_m], .. } in segments {
+                let [least_m, most_m] = extent_m;
+                extent_m = [smaller(least_m, *begin_m), larger(most_m, *end_m)];
+            }
+            let _ = walls.push(Standing { now, segments, extent_m, reach_m: SURE * std_m });
         }
         Self { walls }
     }
@@ -138,9 +148,10 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
     fn end(&self, at_m: [f32; 2], std_m: f32, is_anchor: bool) -> End {
         let mut sides = [0, 0];
         let mut bit = 1;
-        for Standing { now, .. } in &self.walls {
+        let own_m = SURE * std_m;
+        for Standing { now, reach_m, .. } in &self.walls {
             let away_m = now.line.distance_m(at_m);
-            let reach_m = if is_anchor { -ON_WALL_M } else { SURE * (std_m + now.std_m) };
+            let reach_m = if is_anchor { -ON_WALL_M } else { own_m + reach_m };
             let [before, behind] = &mut sides;
             if away_m >= reach_m {
                 *before |= bit;
@@ -251,8 +262,11 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
         };
         let image_m = wall.now.line.mirrored_m(self.anchor.at_m);
         let last = last.bounce(image_m, self.tag.at_m, self.tag.std_m);
-        let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
-        smaller(last.same_side, before.same_side)
+        if last.same_side < LEAST {
+            return 0.0;
+        }
+        let (_, _, same_side) = wall.sides(self.anchor.at_m, last.at_m, last.std_m);
+        if same_side < LEAST { 0.0 } else { smaller(last.same_side, same_side) }
     }
 
     /// The walls that the direct path crosses.
@@ -305,6 +319,21 @@ impl Standing<'_> {
     /// it is nowhere.
     fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Bounce {
         let line = &self.now.line;
+        let (near_m, far_m, same_side) = self.sides(from_m, to_m, to_std_m);
+        if same_side < LEAST {
+            return Bounce { same_side: 0.0, within: 0.0, at_m: to_m, std_m: to_std_m };
+        }
+        let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to_m, to_std_m);
+        let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
+        let at_m = [cx + place_m * tx, cy + place_m * ty];
+        Bounce { same_side, within, at_m, std_m: share * to_std_m }
+    }
+
+    /// How far start and end of a path are from the wall, the end on the start's side where positive, metres, and the
+    /// probability that they are on the same side.
+    #[inline(always)]
+    fn sides(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> (f32, f32, f32) {
+        let line = &self.now.line;
         let (before, behind) = (line.distance_m(from_m), line.distance_m(to_m));
         let near_m = abs(before);
         // What hangs on the wall is on the side of who looks at it.
@@ -315,14 +344,7 @@ impl Standing<'_> {
         } else {
             behind
         };
-        let same_side = probability(far_m, root(to_std_m, self.now.std_m));
-        if same_side < LEAST {
-            return Bounce { same_side: 0.0, within: 0.0, at_m: to_m, std_m: to_std_m };
-        }
-        let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to_m, to_std_m);
-        let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
-        let at_m = [cx + place_m * tx, cy + place_m * ty];
-        Bounce { same_side, within, at_m, std_m: share * to_std_m }
+        (near_m, far_m, probability(far_m, root(to_std_m, self.now.std_m)))
     }
 
     #[inline(always)]
@@ -348,8 +370,14 @@ impl Standing<'_> {
         let begin_m = line.place_m(from_m);
         let along_m = line.place_m(to_m) - begin_m;
         let place_m = begin_m + share * along_m;
+        let std_m = root(share * to_std_m, self.now.std_m);
+        // Off every segment, however oblique: the probabilities below are 0 and 1.
+        let ([least_m, most_m], wide_m) = (self.extent_m, SURE * MOST_OBLIQUE * std_m);
+        if place_m - least_m <= -wide_m || most_m - place_m <= -wide_m {
+            return (share, place_m, 0.0);
+        }
         let oblique = smaller(root(1.0, abs(along_m) / across_m), MOST_OBLIQUE);
-        let std_m = root(share * to_std_m, self.now.std_m) * oblique;
+        let std_m = std_m * oblique;
         let mut within = 0.0;
         for Segment { extent_m: [begin_m, end_m], .. } in self.segments {
             // The difference of two distribution functions: segments that join leave no gap.
@@ -407,6 +435,7 @@ mod tests {
             segments: &segments,
             turn_std_rad: 0.0,
             reflections: 2,
+            most_sources: 24,
         })
         .unwrap()
     }

@@ -7,7 +7,7 @@ use crate::recording::{
     Anchor, AssociationModel, Cycle, Motion, Plan, PlanWall, Radio, Recording, Start, VirtualAnchor,
     WallSequence,
 };
-use crate::replay::{PATHS, VAS, inputs};
+use crate::replay::{PATHS, SOURCES, inputs};
 use crate::scenario::Scenario;
 use crate::simulator::Simulator;
 use cogmint_core::observer::Observer;
@@ -378,7 +378,7 @@ fn particles_find_the_tag_from_anywhere_and_the_same_way_again() {
 #[derive(Default)]
 struct Seen(Vec<(usize, Vec<f64>)>);
 
-impl Observer<VAS, PATHS> for Seen {
+impl Observer<SOURCES, PATHS> for Seen {
     fn estimate(&mut self, anchor: usize, estimate: &ChannelEstimate<PATHS>) {
         self.0.push((anchor, estimate.paths.iter().map(|path| f64::from(path.range_m())).collect()));
     }
