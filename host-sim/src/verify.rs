@@ -11,8 +11,11 @@ use crate::recording::Recording;
 use crate::reference::controller::Controller;
 use crate::reference::cycle::Intermediates;
 use crate::reference::{Capacity, Reference};
-use crate::replay::{ACTIONS, LARGE_ANCHORS, PATHS, SMALL_ANCHORS, Setup, Step, VAS, inputs, step};
-use cogmint_core::Tracker;
+use crate::replay::{
+    ACTIONS, LARGE_ANCHORS, PATHS, SEGMENTS, SMALL_ANCHORS, SOURCES, SURFACES, Setup, SizedTracker, Step,
+    inputs, step,
+};
+use cogmint_core::model::image::Sequence;
 use cogmint_core::model::measurement::Measurement;
 use cogmint_core::observer::Observer;
 use cogmint_core::perceptor::association::{Belief, Beliefs};
@@ -160,35 +163,35 @@ pub fn verify_setup(
     mut on_progress: impl FnMut(usize),
 ) -> Result<Verification, InputError> {
     let most = max_cycles.unwrap_or(usize::MAX);
-    compare(setup, [recording, recording], file, most, &mut on_progress)
+    compare([setup, setup], [recording, recording], file, most, &mut on_progress)
 }
 
-/// The core runs on the first recording, the reference on the second. Not generic: compiled here once, not again in
+/// The core runs with the first set-up on the first recording, the reference with the second on the second. Not generic: compiled here once, not again in
 /// every crate that calls it.
 fn compare(
-    setup: &Setup,
+    setups: [&Setup; 2],
     recordings: [&Recording; 2],
     file: &Path,
     most: usize,
     on_progress: &mut dyn FnMut(usize),
 ) -> Result<Verification, InputError> {
-    if setup.anchors.len() <= SMALL_ANCHORS {
-        run::<SMALL_ANCHORS>(setup, recordings, file, most, on_progress)
+    if setups[0].anchors.len() <= SMALL_ANCHORS {
+        run::<SMALL_ANCHORS>(setups, recordings, file, most, on_progress)
     } else {
-        run::<LARGE_ANCHORS>(setup, recordings, file, most, on_progress)
+        run::<LARGE_ANCHORS>(setups, recordings, file, most, on_progress)
     }
 }
 
 fn run<const A: usize>(
-    setup: &Setup,
+    [setup, setup_of_reference]: [&Setup; 2],
     [for_core, for_reference]: [&Recording; 2],
     file: &Path,
     most: usize,
     on_progress: &mut dyn FnMut(usize),
 ) -> Result<Verification, InputError> {
     let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
-    let mut single: Reference<f32> = twin::<f32, A>(setup);
-    let mut double: Reference<f64> = twin::<f64, A>(setup);
+    let mut single: Reference<f32> = twin::<f32, A>(setup_of_reference);
+    let mut double: Reference<f64> = twin::<f64, A>(setup_of_reference);
     let mut comparison = Comparison::default();
     let mut errors = ErrorGrowth::default();
     let mut covered = Coverage::default();
@@ -241,8 +244,15 @@ fn run<const A: usize>(
 
 /// The reference of a set-up, with the sizes of the core's type.
 fn twin<T: crate::reference::Real, const A: usize>(setup: &Setup) -> Reference<T> {
-    let capacity = Capacity { anchors: A, virtual_anchors: VAS, paths: PATHS, actions: ACTIONS };
-    Reference::new(setup.config, &setup.anchors, &setup.map, &setup.actions, setup.seed, capacity)
+    let capacity = Capacity {
+        anchors: A,
+        surfaces: SURFACES,
+        sources: SOURCES,
+        segments: SEGMENTS,
+        paths: PATHS,
+        actions: ACTIONS,
+    };
+    Reference::new(setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed, capacity)
 }
 
 fn distance(a: [f32; 2], b: [f64; 2]) -> f64 {
@@ -253,15 +263,15 @@ fn distance(a: [f32; 2], b: [f64; 2]) -> f64 {
 #[derive(Default)]
 struct Watch {
     estimates: Vec<(usize, ChannelEstimate<PATHS>)>,
-    scans: Vec<(usize, Vec<Measurement>, Beliefs<VAS, PATHS>)>,
+    scans: Vec<(usize, Vec<Measurement>, Beliefs<SOURCES, PATHS>)>,
 }
 
-impl Observer<VAS, PATHS> for Watch {
+impl Observer<SOURCES, PATHS> for Watch {
     fn estimate(&mut self, anchor: usize, estimate: &ChannelEstimate<PATHS>) {
         self.estimates.push((anchor, estimate.clone()));
     }
 
-    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<VAS, PATHS>) {
+    fn beliefs(&mut self, anchor: usize, measurements: &[Measurement], beliefs: &Beliefs<SOURCES, PATHS>) {
         self.scans.push((anchor, measurements.to_vec(), beliefs.clone()));
     }
 }
@@ -420,7 +430,7 @@ impl Comparison {
     fn beliefs(
         &mut self,
         anchor: usize,
-        core: &Beliefs<VAS, PATHS>,
+        core: &Beliefs<SOURCES, PATHS>,
         reference: &crate::reference::association::outcome::Outcome<f32>,
     ) {
         use cogmint_core::model::source::Source;
@@ -438,7 +448,7 @@ impl Comparison {
         for ((a, b), source) in features.into_iter().zip(&theirs.features).zip(sources) {
             let name = match source {
                 Source::Direct { anchor } => format!("direct path of anchor {anchor}"),
-                Source::Virtual { slot, .. } => format!("virtual anchor {slot}"),
+                Source::Virtual { slot, .. } => format!("source {slot}"),
             };
             self.float(stage, format_args!("belief that {name} was missed"), a.missed, b.missed);
             self.float(stage, format_args!("existence of {name}"), a.existence, b.existence);
@@ -453,7 +463,7 @@ impl Comparison {
     }
 
     /// All state after a cycle.
-    fn state<const A: usize>(&mut self, core: &Tracker<A, VAS, PATHS, ACTIONS>, reference: &Reference<f32>) {
+    fn state<const A: usize>(&mut self, core: &SizedTracker<A>, reference: &Reference<f32>) {
         let mut numbers = Vec::new();
         core.gain_control().iter().for_each(|control| control.visit(|value| numbers.push(value)));
         self.list("estimate", "gain control", &numbers, |f| visit_gain_control(reference, f));
@@ -462,21 +472,40 @@ impl Comparison {
         self.list("update", "the state filter", &numbers, |f| reference.filter.visit(f));
 
         let stage = "remember";
-        for slot in 0..VAS {
-            let (ours, theirs) = (core.environment().get(slot), &reference.environment.records[slot]);
-            let name = format_args!("presence of virtual anchor {slot}");
+        for slot in 0..SURFACES {
+            let (ours, theirs) = (core.environment().surface(slot), &reference.environment.surfaces[slot]);
+            let name = format_args!("presence of surface {slot}");
             self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
             if let (Some(a), Some(b)) = (ours, theirs) {
-                self.count(stage, format_args!("anchor of virtual anchor {slot}"), a.anchor, b.anchor);
-                self.float(
-                    stage,
-                    format_args!("kept existence of virtual anchor {slot}"),
-                    a.existence,
-                    b.existence,
-                );
-                self.count(stage, format_args!("hits of virtual anchor {slot}"), a.hits, b.hits);
+                self.float(stage, format_args!("existence of surface {slot}"), a.existence, b.existence);
+                let name = format_args!("whether a plan tells of surface {slot}");
+                self.count(stage, name, u64::from(a.is_told), u64::from(b.is_told));
             }
         }
+        for slot in 0..SOURCES {
+            let (ours, theirs) = (core.environment().get(slot), &reference.environment.sources[slot]);
+            let name = format_args!("presence of source {slot}");
+            self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
+            if let (Some(a), Some(b)) = (ours, theirs) {
+                self.count(stage, format_args!("anchor of source {slot}"), a.anchor, b.anchor);
+                for (name, a, b) in [
+                    ("first surface", u32::from(a.sequence.first), u32::from(b.sequence.first)),
+                    ("second surface", second_or_none(&a.sequence), second_or_none(&b.sequence)),
+                    (
+                        "either order",
+                        u32::from(a.sequence.is_either_order),
+                        u32::from(b.sequence.is_either_order),
+                    ),
+                    ("sighting", is_hidden(a.sighting), is_hidden(b.sighting)),
+                    ("hits", a.hits, b.hits),
+                ] {
+                    self.count(stage, format_args!("{name} of source {slot}"), a, b);
+                }
+            }
+        }
+        numbers.clear();
+        core.transmission().visit(|value| numbers.push(value));
+        self.list(stage, "the transmission memory", &numbers, |f| reference.transmission.visit(f));
         numbers.clear();
         core.channel().visit(|value| numbers.push(value));
         self.list(stage, "the channel memory", &numbers, |f| reference.channel.visit(f));
@@ -572,6 +601,16 @@ impl Comparison {
     }
 }
 
+/// The second surface of a sequence, as the hash takes it.
+fn second_or_none(sequence: &Sequence) -> u32 {
+    sequence.second.map_or(u32::MAX, u32::from)
+}
+
+/// A sighting, as the hash takes it.
+fn is_hidden(sighting: Sighting) -> u32 {
+    u32::from(sighting == Sighting::Hidden)
+}
+
 fn visit_gain_control(reference: &Reference<f32>, f: &mut dyn FnMut(fmt::Arguments<'_>, f32)) {
     for (anchor, control) in reference.receiver.gain_control.iter().enumerate() {
         control.visit(anchor, f);
@@ -591,10 +630,15 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     for (slot, record) in reference.environment.in_use() {
         hash.word(slot as u32);
         hash.word(record.anchor as u32);
-        hash.float(record.existence);
-        hash.word(u32::from(record.sighting == Sighting::Hidden));
+        hash.word(u32::from(record.sequence.first));
+        hash.word(second_or_none(&record.sequence));
+        hash.word(is_hidden(record.sighting));
         hash.word(record.hits);
     }
+    for surface in &reference.environment.surfaces {
+        hash.float(surface.map_or(-1.0, |record| record.existence));
+    }
+    reference.transmission.visit(&mut |_, value| hash.float(value));
     reference.channel.visit(&mut |_, value| hash.float(value));
     reference.discovery.visit(&mut |_, value| hash.float(value));
     hash.word(u32::from(reference.belief.acquisition.is_some()));
@@ -653,13 +697,13 @@ fn decision_difference(
             return Some(format!("number of candidates of anchor {anchor}"));
         }
     }
-    for slot in 0..VAS {
+    for slot in 0..SOURCES {
         let [a, b] = [
-            single.environment.records[slot].map(|record| record.anchor),
-            double.environment.records[slot].map(|record| record.anchor),
+            single.environment.sources[slot].map(|record| (record.anchor, record.sequence)),
+            double.environment.sources[slot].map(|record| (record.anchor, record.sequence)),
         ];
         if a != b {
-            return Some(format!("virtual anchor in slot {slot}"));
+            return Some(format!("source in slot {slot}"));
         }
     }
     let ours = single.controllers.all.iter().map(|controller| controller.action);
@@ -745,8 +789,12 @@ impl ErrorGrowth {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Wall;
+    use crate::geometry::image_source::image_sources;
+    use crate::geometry::visibility::trace_image;
     use crate::recording::{
-        Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Samples, Start, VirtualAnchor,
+        Action, Anchor, AssociationModel, Cycle, Frame, Motion, Plan, PlanWall, Radio, Range, Samples, Start,
+        VirtualAnchor,
     };
     use crate::reference::pulse::Pulse;
     use cogmint_core::Variant;
@@ -904,6 +952,94 @@ mod tests {
         }
     }
 
+    /// An L-shaped room with a wall in it that has a door: each wall by its segments.
+    fn l_shape() -> Vec<Vec<[[f64; 2]; 2]>> {
+        let corners = [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [5.0, 4.0], [5.0, 7.0], [0.0, 7.0]];
+        let ahead = corners.into_iter().cycle().skip(1);
+        let mut walls: Vec<_> = corners.into_iter().zip(ahead).map(|(a, b)| vec![[a, b]]).collect();
+        walls.push(vec![[[3.0, 0.0], [3.0, 1.5]], [[3.0, 2.4], [3.0, 3.4]]]);
+        walls
+    }
+
+    /// A recording in that room, two of whose walls are not where the plan tells them and one of which is not there at all:
+    /// the last. `std`: what the plan says of each wall's offset (metres) and rotation (radians). Paths over up to two
+    /// reflections, some of them through a wall.
+    fn walled(
+        kind: Kind,
+        cycles: usize,
+        samples: usize,
+        [offset_std_m, rotation_std_rad]: [f64; 2],
+    ) -> Recording {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(23);
+        let mut recording = circle(kind, 0, 0, 0.0);
+        let anchors = [[0.6, 6.2], [7.2, 0.7]];
+        for (anchor, position_m) in recording.anchors.iter_mut().zip(anchors) {
+            anchor.position_m = position_m;
+        }
+        recording.virtual_anchors.clear();
+        recording.start.position_m = [5.3, 2.3];
+        let mut told = l_shape();
+        let walls: Vec<Wall> =
+            told.iter().flatten().map(|ends_m| Wall { ends_m: *ends_m, construction: 0 }).collect();
+        for [x, y] in told[0].iter_mut().flatten() {
+            *y += 0.06 - 0.01 * *x;
+        }
+        for [x, _] in told[1].iter_mut().flatten() {
+            *x -= 0.12;
+        }
+        told.push(vec![[[5.6, 1.2], [5.6, 3.0]]]);
+        let wall = |segments_m: Vec<[[f64; 2]; 2]>| PlanWall {
+            segments_m,
+            offset_std_m,
+            rotation_std_rad,
+            construction: "concrete".into(),
+        };
+        recording.plan = Some(Plan {
+            outline_m: l_shape().iter().take(6).map(|segments| segments[0][0]).collect(),
+            turn_std_rad: 0.01,
+            reflections: 2,
+            most_sources: 24,
+            walls: told.into_iter().map(wall).collect(),
+        });
+        for n in 0..cycles {
+            let angle = 0.03 * n as f64;
+            let position = [4.0 + 1.3 * angle.cos(), 2.3 + 1.2 * angle.sin()];
+            let mut cycle = Cycle { time_s: 0.1 * n as f64, ..Cycle::default() };
+            cycle.truth_position_m = Some(position);
+            for (anchor, at) in anchors.into_iter().enumerate() {
+                let mut lengths = Vec::new();
+                for image in image_sources(&walls, at, 2) {
+                    let ray = trace_image(&walls, at, &image, position, 1);
+                    if let Some(ray) = ray.filter(|ray| ray.crossed.is_empty() || rng.next_u32() % 3 == 0) {
+                        lengths.push(ray.length_m());
+                    }
+                }
+                if anchor == 0 {
+                    // What no plan tells of.
+                    lengths.push((position[0] + 2.0).hypot(position[1] - 8.0));
+                }
+                if kind == Kind::Ranges {
+                    for length in lengths {
+                        let range_m = length + 0.02 * noise(&mut rng);
+                        cycle.ranges.push(Range { anchor, range_m, std_m: None, angles: None });
+                    }
+                } else {
+                    let action = (n * 5 + anchor) % 6;
+                    cycle.frames.push(Frame {
+                        anchor,
+                        action,
+                        first_sample_delay_s: 1e-9,
+                        first_path_index: None,
+                        line_of_sight: None,
+                        samples: frame(kind, &recording.actions[action], &lengths, samples, &mut rng),
+                    });
+                }
+            }
+            recording.cycles.push(cycle);
+        }
+        recording
+    }
+
     fn setup(recording: &Recording) -> Setup {
         Setup::new(recording, Path::new("made"), None).unwrap()
     }
@@ -984,7 +1120,7 @@ mod tests {
                 step(&mut tracker, &input, &mut ()).unwrap();
                 for (slot, mapped) in setup.map.iter().enumerate() {
                     // Forgotten once nothing reflects any more.
-                    let Some((mean, covariance)) = tracker.filter().virtual_anchor(slot) else { continue };
+                    let Some((mean, covariance)) = tracker.image(slot) else { continue };
                     held &= [mean.x, mean.y] == mapped.position_m && covariance.norm() == 0.0;
                 }
             }
@@ -1131,7 +1267,7 @@ mod tests {
             recording.start.velocity_std_m_s = 1.0;
             recording.association.detection_probability = detection_probability;
             recording.virtual_anchors.clear();
-            for n in 0..VAS {
+            for n in 0..SURFACES {
                 // The first is 0.2 m off a true one, the others are nowhere near any.
                 let position_m = if n == 0 { [0.5, 10.6] } else { [-8.0 + 0.2 * n as f64, -3.0] };
                 let known = VirtualAnchor::new(n % 2, position_m, 1e-3, true);
@@ -1154,6 +1290,105 @@ mod tests {
             covered.forgotten += verified(&setup(&recording), &recording).covered.forgotten;
         }
         assert!(covered.forgotten > 0, "{covered:?}");
+    }
+
+    /// Which parts of a map of walls a tracker went through.
+    #[derive(Debug, Default, PartialEq, Eq)]
+    struct WalledCoverage {
+        twice_reflected: bool,
+        either_order: bool,
+        /// Some source was seen, some was out of sight at times.
+        seen: bool,
+        out_of_sight: bool,
+        /// The wall with the door was looked through.
+        looked_through: bool,
+        /// The wall that is not there became doubtful.
+        doubted: bool,
+    }
+
+    fn walled_coverage(setup: &Setup, recording: &Recording) -> WalledCoverage {
+        let mut tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
+        let mut covered = WalledCoverage::default();
+        let usual = tracker.transmission().through(6);
+        for input in inputs(recording) {
+            let report = step(&mut tracker, &input, &mut ()).unwrap().report;
+            for (slot, record) in tracker.environment().iter() {
+                let source = Source::Virtual { anchor: record.anchor, slot };
+                covered.twice_reflected |= record.sequence.second.is_some() && record.hits > 0;
+                covered.either_order |= record.sequence.is_either_order && record.hits > 0;
+                let availability = tracker.availability(source, report.position_m);
+                covered.seen |= availability > 0.9 && record.hits > 5;
+                covered.out_of_sight |= availability < 0.1 && record.hits > 5;
+            }
+            covered.looked_through |= tracker.transmission().through(6) != usual;
+            let absent = tracker.plan().walls()[7].surface.map(usize::from);
+            let absent = absent.and_then(|slot| tracker.environment().surface(slot));
+            covered.doubted |= absent.is_some_and(|record| record.existence < 0.5);
+        }
+        covered
+    }
+
+    const ALL_OF_WALLED: WalledCoverage = WalledCoverage {
+        twice_reflected: true,
+        either_order: true,
+        seen: true,
+        out_of_sight: true,
+        looked_through: true,
+        doubted: true,
+    };
+
+    #[test]
+    fn a_plan_of_uncertain_walls_is_equal() {
+        let mut recording = walled(Kind::Ranges, 250, 0, [0.1, 0.01]);
+        // With every slot taken, and with room for what no plan tells of.
+        let covered = verified(&setup(&recording), &recording).covered;
+        assert!(covered.map_full > 0 && covered.discovered == 0, "{covered:?}");
+        if let Some(plan) = &mut recording.plan {
+            plan.most_sources = 12;
+        }
+        let covered = verified(&setup(&recording), &recording).covered;
+        assert!(covered.discovered > 0, "{covered:?}");
+    }
+
+    #[test]
+    fn a_plan_of_exact_walls_and_biases_is_equal() {
+        let mut recording = walled(Kind::Ranges, 250, 0, [0.0, 0.0]);
+        recording.radio.range_bias_std_m = 0.1;
+        let setup = setup(&recording);
+        verified(&setup, &recording);
+        assert_eq!(walled_coverage(&setup, &recording), ALL_OF_WALLED);
+    }
+
+    #[test]
+    fn a_plan_told_to_every_variant_is_equal_over_frames() {
+        // Walls that are shifted but not turned, and few sources.
+        let mut recording = walled(Kind::Complex, 60, 200, [0.1, 0.0]);
+        if let Some(plan) = &mut recording.plan {
+            plan.most_sources = 10;
+        }
+        for variant in Variant::ALL {
+            let setup = setup(&recording).with_variant(variant, Path::new("made")).unwrap();
+            let covered = verified(&setup, &recording).covered;
+            assert!(covered.paths > covered.frames, "{variant:?}: {covered:?}");
+        }
+    }
+
+    #[test]
+    fn a_plan_that_differs_in_the_width_of_a_door_or_in_a_deviation_is_found() {
+        let recording = walled(Kind::Ranges, 250, 0, [0.1, 0.01]);
+        let planted: [fn(&mut Plan); 4] = [
+            |plan| plan.walls[6].segments_m[1][0][1] += 0.01,
+            |plan| plan.walls[3].rotation_std_rad += 1e-6,
+            |plan| plan.turn_std_rad += 1e-6,
+            |plan| plan.walls[2].segments_m[0][1][0] += 1e-3,
+        ];
+        for (number, plant) in planted.into_iter().enumerate() {
+            let mut other = recording.clone();
+            plant(other.plan.as_mut().unwrap());
+            let setups = [&setup(&recording), &setup(&other)];
+            let outcome = compare(setups, [&recording, &recording], Path::new("made"), 250, &mut |_| {});
+            assert!(!outcome.unwrap().equal, "number {number}");
+        }
     }
 
     #[test]
@@ -1217,8 +1452,9 @@ mod tests {
         let mut other = recording.clone();
         let range = &mut other.cycles[11].ranges[0];
         range.range_m = f64::from((range.range_m as f32).next_up());
+        let setup = setup(&recording);
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
+            compare([&setup, &setup], [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert!(!outcome.equal && outcome.cycles == 12);
         assert_eq!((difference.cycle, difference.stage), (11, "associate"));
@@ -1242,8 +1478,9 @@ mod tests {
             })
             .unwrap();
         samples[strongest][0] = samples[strongest][0].next_up();
+        let setup = setup(&recording);
         let outcome =
-            compare(&setup(&recording), [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
+            compare([&setup, &setup], [&recording, &other], Path::new("made"), 20, &mut |_| {}).unwrap();
         let difference = outcome.first_difference.unwrap();
         assert_eq!((difference.cycle, difference.stage), (3, "estimate"));
     }

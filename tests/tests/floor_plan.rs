@@ -2,7 +2,9 @@
 
 use cogmint::reference::availability::{self as twin, WallNow as TwinWall};
 use cogmint::reference::image::Image as TwinImage;
-use cogmint::reference::{listing as twin_listing, plan as twin_plan};
+use cogmint::reference::listing as twin_listing;
+use cogmint::reference::plan::FloorPlan as TwinPlan;
+use cogmint::reference::surface::Line as TwinLine;
 use cogmint_core::Anchor;
 use cogmint_core::model::availability::{WallNow, Walls};
 use cogmint_core::model::image::Image;
@@ -30,6 +32,7 @@ impl Told {
             segments: &self.segments,
             turn_std_rad: 0.01,
             reflections: 2,
+            most_sources: 24,
         }
     }
 }
@@ -75,6 +78,10 @@ impl Random {
     }
 }
 
+fn twin_of(line: &Line) -> TwinLine<f32> {
+    TwinLine { centre_m: line.centre_m, normal: line.normal }
+}
+
 #[test]
 fn core_and_twin_see_the_same_bits() {
     let mut random = Random(Xoshiro128PlusPlus::seed_from_u64(5));
@@ -97,12 +104,12 @@ fn core_and_twin_see_the_same_bits() {
             through: through[index],
         });
         let mut twins = Vec::new();
-        for (index, mut wall) in twin_plan::walls::<f32>(&told.plan()).into_iter().enumerate() {
-            assert_eq!((wall.centre_m, wall.normal), {
+        for (index, mut wall) in TwinPlan::<f32>::new(&told.plan()).walls.into_iter().enumerate() {
+            assert_eq!((wall.line.centre_m, wall.line.normal), {
                 let line = plan.walls()[index].line;
                 (line.centre_m, line.normal)
             });
-            (wall.centre_m, wall.normal) = (lines[index].centre_m, lines[index].normal);
+            wall.line = twin_of(&lines[index]);
             let std_m = wall.told.offset_std_m;
             twins.push(TwinWall::new(wall, std_m, through[index]));
         }
@@ -146,7 +153,8 @@ fn core_and_twin_list_the_same_sources() {
         let (range_m, walls) = ([8.0, 100.0][problem % 2], [3, 6, 16][problem % 3]);
         let reflections = problem % 7 % 3;
         let ours = list::<SEGMENTS, 24>(&plan, &anchors, reflections, range_m, walls);
-        let theirs = twin_listing::list::<f32>(&told.plan(), &anchors, reflections, range_m, walls, 24);
+        let twin = TwinPlan::<f32>::new(&told.plan());
+        let theirs = twin_listing::list(&twin, &anchors, reflections, range_m, walls, 24);
         assert_eq!(ours.len(), theirs.len(), "{problem}");
         for (own, twin) in ours.iter().zip(&theirs) {
             let walls: Vec<usize> = std::iter::once(own.first).chain(own.second).collect();
@@ -178,7 +186,9 @@ fn core_and_twin_see_the_same_images() {
         let once = Image::first(anchor_m, &Surface::Wall(walls[0].0), &state(0));
         let twice = once.second(&Surface::Wall(walls[1].0), &state(1));
         for (order, ours) in [(1, once), (2, twice)] {
-            let twin = TwinImage::of(anchor_m, &walls[..order]);
+            let twins: Vec<_> =
+                walls[..order].iter().map(|(line, numbers)| (twin_of(line), *numbers)).collect();
+            let twin = TwinImage::of(anchor_m, &twins);
             assert_eq!(<[f32; 2]>::from(ours.position_m), twin.position_m);
             for (wall, slopes) in twin.slopes.iter().enumerate() {
                 for (number, slope) in slopes.iter().enumerate() {

@@ -150,16 +150,13 @@ impl<
         let detection = |prospect: &Prospect| prospect.detection(scan, association.detection_probability);
         let source = Source::Direct { anchor };
         let paths = self.walls.paths(sight.anchor_m, place.position_m, place.std_m);
-        let availability = if crate::real::tune(1, 1.0) > 0.5 { paths.direct() } else { 1.0 };
+        let availability = paths.direct();
         let direct = self.prospect(scan, self.filter.regress(source, &sight, None)?, availability);
         let mut expected = Expectations::new(&direct, &detection(&direct));
         for slot in self.environment.images_of(anchor) {
             let source = Source::Virtual { anchor, slot };
             let record = self.environment.get(slot)?;
-            let (mut availability, sequence) = self.available(&paths, &record.sequence);
-            if crate::real::tune(0, 1.0) < 0.5 {
-                availability = 1.0;
-            }
+            let (availability, sequence) = self.available(&paths, &record.sequence);
             let regression = self.filter.regress(source, &sight, Some(&sequence))?;
             let image = self.prospect(scan, regression, availability);
             expected.add(&image, self.environment.existence(slot), &detection(&image));

@@ -9,6 +9,7 @@
 
 use super::plan::Wall;
 use super::real::{Real, abs, larger, limited, smaller};
+pub use cogmint_core::model::availability::Crossing;
 use cogmint_core::model::availability::LEAST_STD_M;
 
 /// A wall and what it lets through.
@@ -69,8 +70,8 @@ fn meeting<T: Real>(now: &WallNow<T>, near: T, far: T, from_m: [T; 2], to_m: [T;
     if far < T::ZERO {
         share = if near + far < T::ZERO { T::ZERO } else { T::ONE };
     }
-    let begin = now.wall.place_m(from_m);
-    let along = now.wall.place_m(to_m) - begin;
+    let begin = now.wall.line.place_m(from_m);
+    let along = now.wall.line.place_m(to_m) - begin;
     let place = begin + share * along;
     let slant = smaller(root(T::ONE, abs(along) / across), T::of(4.0));
     let std = root(share * to_std, now.std_m) * slant;
@@ -83,7 +84,7 @@ fn meeting<T: Real>(now: &WallNow<T>, near: T, far: T, from_m: [T; 2], to_m: [T;
 
 /// Probability that a leg crosses a wall.
 fn crossed<T: Real>(now: &WallNow<T>, from: Point<T>, to: Point<T>) -> T {
-    let (mut near, mut beyond) = (now.wall.distance_m(from.at_m), -now.wall.distance_m(to.at_m));
+    let (mut near, mut beyond) = (now.wall.line.distance_m(from.at_m), -now.wall.line.distance_m(to.at_m));
     if near < T::ZERO {
         (near, beyond) = (-near, -beyond);
     }
@@ -104,7 +105,7 @@ fn crossed<T: Real>(now: &WallNow<T>, from: Point<T>, to: Point<T>) -> T {
 
 /// A reflection: probability of one side, probability of a segment, and where it is.
 fn bounce<T: Real>(now: &WallNow<T>, from_m: [T; 2], to: Point<T>) -> ([T; 2], Point<T>) {
-    let (before, behind) = (now.wall.distance_m(from_m), now.wall.distance_m(to.at_m));
+    let (before, behind) = (now.wall.line.distance_m(from_m), now.wall.line.distance_m(to.at_m));
     let far = if abs(before) <= T::of(0.05) {
         abs(behind)
     } else if before < T::ZERO {
@@ -118,8 +119,9 @@ fn bounce<T: Real>(now: &WallNow<T>, from_m: [T; 2], to: Point<T>) -> ([T; 2], P
         return ([T::ZERO; 2], to);
     }
     let [share, place, within] = meeting(now, abs(before), far, from_m, to.at_m, std);
-    let tangent = now.wall.tangent();
-    let at_m = [now.wall.centre_m[0] + place * tangent[0], now.wall.centre_m[1] + place * tangent[1]];
+    let tangent = now.wall.line.tangent();
+    let at_m =
+        [now.wall.line.centre_m[0] + place * tangent[0], now.wall.line.centre_m[1] + place * tangent[1]];
     ([side, within], Point { at_m, std_m: Some(share * std) })
 }
 
@@ -149,7 +151,7 @@ fn bounces<T: Real>(
 ) -> ([T; 2], Vec<Point<T>>) {
     let mut images = vec![anchor.at_m];
     for n in 0..sequence.len() {
-        images.push(walls[sequence[n]].wall.mirrored_m(images[n]));
+        images.push(walls[sequence[n]].wall.line.mirrored_m(images[n]));
     }
     let mut points = vec![tag];
     let (mut sides, mut all) = (T::ONE, T::ONE);
@@ -206,4 +208,17 @@ pub fn either_order<T: Real>(
         return (T::ZERO, sides(orders[1]) > sides(orders[0]));
     }
     (smaller(a + b, T::ONE), b > a)
+}
+
+/// The walls that the direct path crosses, by a probability above 0.9; below 0.1 it does not.
+pub fn crossing<T: Real>(walls: &[WallNow<T>], anchor_m: [T; 2], place_m: [T; 2], std_m: T) -> Crossing {
+    let [anchor, tag] = ends(anchor_m, place_m, std_m);
+    let clear = T::of(0.9);
+    let crossed: Vec<T> = walls.iter().map(|wall| crossed(wall, anchor, tag)).collect();
+    let perhaps: Vec<usize> = (0..walls.len()).filter(|&n| crossed[n] > T::ONE - clear).collect();
+    match perhaps[..] {
+        [] => Crossing::None,
+        [wall] if crossed[wall] > clear => Crossing::One(wall),
+        _ => Crossing::Unclear,
+    }
 }

@@ -223,6 +223,8 @@ pub struct Visible<T> {
     pub height_m: T,
     /// Covariance of its position, square metres.
     pub covariance_m2: [[T; 2]; 2],
+    /// Probability that the plan lets its path through.
+    pub availability: T,
 }
 
 /// Where planning starts from.
@@ -331,7 +333,7 @@ impl<T: Real> Prospect<'_, T> {
         // P_d / (unit / SINR + rest), with one division.
         let root = exp(T::of(0.5) * memory.sinr_ln(source.source, action));
         let sinr = square(root);
-        let found = memory.visibility(source.source) * sinr;
+        let found = memory.visibility(source.source) * source.availability * sinr;
         let odds = T::ONE + missed_odds(root, sqrt(larger(outlook.threshold, T::ZERO)));
         let rest = square(outlook.range_floor_m) + map;
         information.add_weighted(slope, found / (odds * (unit + rest * sinr)));

@@ -10,27 +10,33 @@ use super::controllers::Controllers;
 use super::discovery::Discovery;
 use super::environment::EnvironmentMemory;
 use super::information::position_entropy_nat;
-use super::known::{Expected, Known, Told, outlook};
+use super::known::{Expected, Known, Place, Told, discovery_view, outlook, walls_now};
 use super::loss::evidence_nat;
 use super::manoeuvre::{is_doubtful, is_manoeuvre};
-use super::map::{Changes, Map};
+use super::map::{Changes, Map as Revision};
 use super::motion::{Agent, MotionStep, PX, PY, ProcessNoise};
+use super::plan::FloorPlan;
 use super::real::{Real, smaller, square};
 use super::receiver::{AnchorEstimate, Receiver, Scan};
-use super::remember::Memories;
+use super::remember::{Memories, look_through};
+use super::start::Start;
 use super::state_filter::{Prior, StateFilter};
-use cogmint_core::memory::environment::TOLD;
+use super::transmission::TransmissionMemory;
 use cogmint_core::model::observation::{Observation, TagHeight};
 use cogmint_core::radio::library::Action;
-use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
+use cogmint_core::{Anchor, Config, Map};
 
 /// The sizes that are part of the core's type.
 #[derive(Clone, Copy, Debug)]
 pub struct Capacity {
     /// Anchors.
     pub anchors: usize,
-    /// Virtual anchors.
-    pub virtual_anchors: usize,
+    /// Surfaces.
+    pub surfaces: usize,
+    /// Images of anchors.
+    pub sources: usize,
+    /// Segments of walls.
+    pub segments: usize,
     /// Paths per anchor.
     pub paths: usize,
     /// Actions.
@@ -78,6 +84,7 @@ pub struct Intermediates<T> {
 pub struct Reference<T> {
     config: Config,
     anchors: Vec<Anchor>,
+    plan: FloorPlan<T>,
     library: Library<T>,
 
     /// Cycles run.
@@ -86,10 +93,12 @@ pub struct Reference<T> {
     pub receiver: Receiver<T>,
     /// Whether it is known where the tag is.
     pub belief: Belief<T>,
-    /// Tag, biases and virtual anchors.
+    /// Tag, biases and surfaces.
     pub filter: StateFilter<T>,
-    /// Which virtual anchors exist.
+    /// Which surfaces exist, and what is seen in them.
     pub environment: EnvironmentMemory<T>,
+    /// What walls let through.
+    pub transmission: TransmissionMemory<T>,
     /// Candidates for virtual anchors.
     pub discovery: Discovery<T>,
     /// What nothing explains.
@@ -107,7 +116,7 @@ impl<T: Real> Reference<T> {
     pub fn new(
         config: Config,
         anchors: &[Anchor],
-        map: &[MappedVirtualAnchor],
+        map: &Map<'_>,
         actions: &[Action],
         seed: u64,
         capacity: Capacity,
@@ -119,17 +128,18 @@ impl<T: Real> Reference<T> {
             bias_mean_m: config.ranging.bias_mean_m,
             bias_std_m: config.ranging.bias_std_m,
         };
-        let mut filter = StateFilter::new(capacity.anchors, capacity.virtual_anchors, config.motion, &prior);
-        let mut environment = EnvironmentMemory::new(capacity.virtual_anchors);
-        for slot in 0..map.len() {
-            let std_m = if config.exact_map { 0.0 } else { map[slot].std_m };
-            filter.insert_independent(slot, map[slot].position_m.map(T::of), T::of(std_m));
-            environment.insert(slot, map[slot].anchor, T::of(TOLD), 0);
+        let mut filter = StateFilter::new(capacity.anchors, capacity.surfaces, config.motion, &prior);
+        let mut environment = EnvironmentMemory::new(capacity.surfaces, capacity.sources);
+        let mut plan = FloorPlan::new(&map.plan.unwrap_or_default());
+        let mut start = Start { filter: &mut filter, environment: &mut environment };
+        start.enter_virtual_anchors(map.virtual_anchors, &config);
+        if let Some(told) = &map.plan {
+            start.enter_plan(&mut plan, told, anchors, &config);
         }
         let library = Library::new(actions);
         let first = library.pulse(config.controller.first_action, &config.radio);
         let channel = ChannelMemory::new(
-            [capacity.anchors, capacity.virtual_anchors, capacity.actions],
+            [capacity.anchors, capacity.sources, capacity.actions],
             config.channel,
             T::of(config.controller.prior_sinr),
             config.controller.neighbours,
@@ -143,12 +153,14 @@ impl<T: Real> Reference<T> {
             belief: Belief::new(&config, filter.agent(), capacity.anchors),
             filter,
             environment,
+            transmission: TransmissionMemory::new(capacity.segments),
             discovery: Discovery::new(capacity.anchors, config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &config.ranging, capacity.anchors),
             channel,
             controllers: Controllers::new(config.controller, anchors.len(), &library, seed, room),
             config,
             anchors: anchors.to_vec(),
+            plan,
             library,
             cycle: 0,
         }
@@ -162,8 +174,8 @@ impl<T: Real> Reference<T> {
         tag_height: Option<TagHeight>,
     ) -> Intermediates<T> {
         let elapsed_s = T::of(elapsed_s);
-        let Self { config, anchors, library, receiver, belief, filter, .. } = self;
-        let Self { environment, discovery, clutter, channel, controllers, last_heard, .. } = self;
+        let Self { config, anchors, plan, library, receiver, belief, filter, environment, .. } = self;
+        let Self { transmission, discovery, clutter, channel, controllers, last_heard, .. } = self;
         let told = Told { config, anchors, library, tag_height };
 
         // Receive and estimate.
@@ -185,11 +197,15 @@ impl<T: Real> Reference<T> {
         environment.predict(config.association.map_change_per_s, elapsed_s);
         channel.predict(elapsed_s);
 
+        // The walls as they stand, for the whole cycle.
+        let walls = walls_now(plan, filter, environment, transmission);
+        let (plan, walls) = (&*plan, &walls);
+
         // Locate, where it is not known where the tag is.
         if let Some(acquisition) = &belief.acquisition {
             // Candidates are relative to a tag that is about to jump.
             discovery.clear();
-            let known = Known { filter, environment, channel, clutter };
+            let known = Known { filter, environment, channel, clutter, plan, walls };
             let sweep = |scan: &Scan<T>| known.sweep(&told, scan, acquisition);
             let sweeps: Vec<_> = scans.iter().map(sweep).collect();
             if let Some(agent) = belief.locate(&sweeps) {
@@ -199,7 +215,7 @@ impl<T: Real> Reference<T> {
 
         // Expect: the prediction is widened where a manoeuvre explains the scans better by far.
         let all = |filter: &StateFilter<T>| -> Vec<_> {
-            let known = Known { filter, environment, channel, clutter };
+            let known = Known { filter, environment, channel, clutter, plan, walls };
             scans.iter().map(|scan| known.expect(&told, scan)).collect()
         };
         let mut expected = all(filter);
@@ -221,8 +237,8 @@ impl<T: Real> Reference<T> {
         let mut outcomes = Vec::new();
         let mut evidence_nat = T::ZERO;
         for (scan, expected) in scans.into_iter().zip(expected) {
-            let known = Known { filter, environment, channel, clutter };
-            let (viewpoint, background) = known.discovery_view(&told, scan.anchor, &expected[0].regression);
+            let (viewpoint, background) =
+                discovery_view(&told, filter, clutter, scan.anchor, &expected[0].regression);
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
             let clutter = clutter.clutter(scan.anchor);
             let outcome = associate_scan(scan, expected, claims, &clutter, config.association.mode);
@@ -245,7 +261,8 @@ impl<T: Real> Reference<T> {
         memories.remember(&told, belief, receiver, controllers, &outcomes);
         let mut changes = Changes::default();
         if !acquiring && !belief.is_doubtful() {
-            let mut map = Map { filter, environment, channel, discovery };
+            look_through(transmission, &told, walls, &Place::of(&filter.agent()), &outcomes);
+            let mut map = Revision { filter, environment, channel, discovery };
             changes = map.revise(&told, clutter, &outcomes);
         }
 
@@ -254,7 +271,8 @@ impl<T: Real> Reference<T> {
         let [before, after] = [&predicted.covariance, &posterior.covariance];
         let earned = reward(config.controller.reward, &last.covariance, before, after);
         let outlook = outlook(config, &posterior, receiver.threshold, elapsed_s);
-        let visible = Known { filter, environment, channel, clutter }.visible(&told);
+        let visible = Known { filter, environment, channel, clutter, plan, walls }
+            .visible(&told, &Place::of(&posterior));
         let heard: Vec<_> = outcomes.iter().map(|outcome| &outcome.scan).collect();
         let cycle = self.cycle;
         let decision =

@@ -7,9 +7,9 @@
 //!
 //! A second wall multiplies by R = I - 2 u u', whose derivative is dR/dtheta = -2 (t u' + u t').
 
-use super::plan::{dot, less};
 use super::real::Real;
-use cogmint_core::model::surface::Line;
+use super::surface::Line;
+use super::surface::{dot, less};
 
 /// An image; vectors by wall and by number (offset, rotation).
 #[derive(Clone, Debug)]
@@ -26,12 +26,12 @@ pub struct Image<T> {
 
 impl<T: Real> Image<T> {
     /// The image of an anchor in walls in order, each with its offset and rotation.
-    pub fn of(anchor_m: [T; 2], walls: &[(Line, [T; 2])]) -> Self {
+    pub fn of(anchor_m: [T; 2], walls: &[(Line<T>, [T; 2])]) -> Self {
         let num = T::of;
         let two = num(2.0);
         let mut image = Self { position_m: anchor_m, slopes: vec![], curvatures: vec![], common: None };
         for (line, [offset, rotation]) in walls {
-            let (centre, normal) = (line.centre_m.map(num), line.normal.map(num));
+            let (centre, normal) = (line.centre_m, line.normal);
             let quarter = num(0.25) * (*rotation * *rotation);
             // d theta / d rotation, and its slope.
             let rate = T::ONE / (T::ONE + quarter);
@@ -58,6 +58,12 @@ impl<T: Real> Image<T> {
             image.curvatures.push([each(&|i| two * rate * t[i]), twice]);
         }
         image
+    }
+
+    /// Of a private surface: its two numbers are the position.
+    pub fn private(position_m: [T; 2]) -> Self {
+        let along = [[T::ONE, T::ZERO], [T::ZERO, T::ONE]];
+        Self { position_m, slopes: vec![along], curvatures: vec![], common: None }
     }
 
     /// How far the mean is from there, metres, to the second order: `own` by wall the covariance of offset and rotation, and

@@ -2,6 +2,7 @@
 
 use super::acquisition::{Acquisition, Landmark, Sweep};
 use super::association::{Expectation, detection_probability};
+use super::availability::{WallNow, availability, either_order};
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::controller::{Library, Outlook, Visible};
@@ -9,11 +10,14 @@ use super::discovery::{Background, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::motion::{Agent, MotionStep, PX, PY, VX, VY};
 use super::overlap::{Arrival, overlap};
+use super::plan::FloorPlan;
 use super::range::{Regression, Sight};
-use super::real::{Real, limited, smaller};
+use super::real::{Real, larger, limited, smaller, sqrt};
 use super::receiver::Scan;
 use super::state_filter::StateFilter;
-use cogmint_core::model::detection::HIDDEN_DETECTION;
+use super::transmission::TransmissionMemory;
+use cogmint_core::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION};
+use cogmint_core::model::image::Sequence;
 use cogmint_core::model::observation::TagHeight;
 use cogmint_core::model::source::Source;
 use cogmint_core::perceptor::expectation::Sighting;
@@ -50,7 +54,7 @@ pub struct Expected<T> {
     pub regression: Regression<T>,
     /// What association makes of it.
     pub feature: Expectation<T>,
-    /// Probability that it is found if nothing hides it but the noise.
+    /// Probability that it is found if nothing hides it but the plan and the noise.
     pub found: T,
     /// Whether it can be seen.
     pub sighting: Sighting,
@@ -67,28 +71,98 @@ pub struct Detection<T> {
     pub sighting: Sighting,
 }
 
+/// A source whose path may be found.
+#[derive(Clone, Copy, Debug)]
+pub struct Prospect<T> {
+    /// Which one.
+    pub source: Source,
+    /// Where in the scan; none if that is not known.
+    pub range_m: Option<T>,
+    /// Probability that the plan lets its path through.
+    pub availability: T,
+}
+
+impl<T: Real> Prospect<T> {
+    /// Seen from anywhere, as if there were no walls.
+    pub fn anywhere(source: Source) -> Self {
+        Self { source, range_m: None, availability: T::ONE }
+    }
+}
+
+/// Where the tag may be.
+#[derive(Clone, Copy, Debug)]
+pub struct Place<T> {
+    /// Mean, metres.
+    pub position_m: [T; 2],
+    /// Standard deviation per axis, metres.
+    pub std_m: T,
+}
+
+impl<T: Real> Place<T> {
+    /// As an agent is known: of its axes the mean variance.
+    pub fn of(agent: &Agent<T>) -> Self {
+        let c = &agent.covariance;
+        let variance = T::of(0.5) * (c[PX][PX] + c[PY][PY]);
+        Self { position_m: [agent.mean[PX], agent.mean[PY]], std_m: sqrt(larger(variance, T::ZERO)) }
+    }
+}
+
+/// The walls of the plan as they are believed to stand now. One that does not exist lets everything through.
+pub fn walls_now<T: Real>(
+    plan: &FloorPlan<T>,
+    filter: &StateFilter<T>,
+    environment: &EnvironmentMemory<T>,
+    transmission: &TransmissionMemory<T>,
+) -> Vec<WallNow<T>> {
+    let mut walls = Vec::new();
+    for (index, wall) in plan.walls.iter().enumerate() {
+        let mut now = wall.clone();
+        let mut std_m = T::of(wall.told.offset_std_m);
+        let mut existence = T::ONE;
+        if let Some(slot) = wall.surface {
+            if let Some((_, [offset_m, rotation], c)) = filter.surface(slot) {
+                now.line = wall.line.moved(offset_m, rotation);
+                std_m = sqrt(larger(c[0][0], T::ZERO));
+            }
+            if let Some(record) = environment.surfaces[slot] {
+                existence = record.existence;
+            }
+        }
+        let through = T::ONE - existence * (T::ONE - transmission.through(index));
+        walls.push(WallNow::new(now, std_m, through));
+    }
+    walls
+}
+
 /// What is known of tag, map and channels.
 #[derive(Clone, Copy)]
 pub struct Known<'a, T> {
-    /// Tag and virtual anchors.
+    /// Tag and surfaces.
     pub filter: &'a StateFilter<T>,
-    /// Which virtual anchors exist.
+    /// Which surfaces exist, and what is seen in them.
     pub environment: &'a EnvironmentMemory<T>,
     /// How well sources are heard.
     pub channel: &'a ChannelMemory<T>,
     /// What nothing explains.
     pub clutter: &'a ClutterMemory<T>,
+    /// The plan.
+    pub plan: &'a FloorPlan<T>,
+    /// Its walls as they stood when the cycle began.
+    pub walls: &'a [WallNow<T>],
 }
 
 impl<T: Real> Known<'_, T> {
-    /// What the sources of a scan's anchor are expected to show in it: the direct path, then its virtual anchors by slot.
+    /// What the sources of a scan's anchor are expected to show in it: the direct path, then its images by slot.
     pub fn expect(&self, told: &Told<'_, T>, scan: &Scan<T>) -> Vec<Expected<T>> {
         let sight = told.sight(scan.anchor);
+        let place = Place::of(&self.filter.agent());
         let mut expected = Vec::new();
         for source in self.environment.sources_of(scan.anchor) {
-            let regression = self.filter.regress(source, &sight);
+            let (availability, sequence) = self.available(sight.anchor_m, source, &place);
+            let regression = self.filter.regress(source, &sight, sequence.as_ref());
+            let prospect = Prospect { source, range_m: Some(regression.range_m), availability };
             let Detection { probability, found, sighting } =
-                self.detection(told, scan, source, Some(regression.range_m));
+                detection(told, scan, self.environment, self.channel, &prospect);
             let feature = Expectation {
                 range_m: regression.range_m,
                 variance_m2: regression.variance_m2(),
@@ -117,38 +191,22 @@ impl<T: Real> Known<'_, T> {
         expected
     }
 
-    /// How probable it is that the path of an existing source is found in a scan, at a range or anywhere: in frames a matter of
-    /// SINR, as remembered, or over the noise of this frame where that is less.
-    pub fn detection(
-        &self,
-        told: &Told<'_, T>,
-        scan: &Scan<T>,
-        source: Source,
-        range_m: Option<T>,
-    ) -> Detection<T> {
-        let usual = T::of(told.config.association.detection_probability);
-        let Some(frame) = &scan.frame else {
-            return Detection { probability: usual, found: usual, sighting: Sighting::Open };
-        };
-        let mut sinr = self.channel.sinr(source, scan.action);
-        if let Some(range_m) = range_m
-            && let Some(level) = scan.level(range_m)
-            && let Some(now) = self.channel.sinr_over(source, scan.action, range_m, level)
-        {
-            sinr = smaller(sinr, now);
+    /// Probability that the plan lets the path of a source through to a place, and the order in which it meets its surfaces
+    /// there. A surface that is no wall of the plan ends nowhere, and nothing is in front of it.
+    pub fn available(&self, anchor_m: [T; 2], source: Source, place: &Place<T>) -> (T, Option<Sequence>) {
+        let Place { position_m, std_m } = *place;
+        let available = |walls: &[usize]| availability(self.walls, anchor_m, walls, position_m, std_m);
+        let Some(sequence) = self.environment.sequence(source) else { return (available(&[]), None) };
+        let walls: Option<Vec<usize>> = sequence.surfaces().map(|slot| self.plan.wall_of(slot)).collect();
+        match walls.as_deref() {
+            Some(&[first, second]) if sequence.is_either_order => {
+                let (availability, is_reversed) =
+                    either_order(self.walls, anchor_m, [first, second], position_m, std_m);
+                (availability, Some(if is_reversed { sequence.reversed() } else { sequence }))
+            }
+            Some(walls) => (available(walls), Some(sequence)),
+            None => (T::ONE, Some(sequence)),
         }
-        let found = detection_probability(sinr, frame.threshold);
-        let least = T::of(HIDDEN_DETECTION);
-        let (probability, hidden) = if self.channel.has_seen(source) {
-            let probability = self.channel.visibility(source) * found;
-            (probability, probability <= least)
-        } else if self.environment.is_unseen(source) {
-            (least, true)
-        } else {
-            (usual, false)
-        };
-        let sighting = if hidden { Sighting::Hidden } else { Sighting::Open };
-        Detection { probability: limited(probability, least, usual), found, sighting }
     }
 
     /// A scan with all that its measurements may be, for a tag that may be anywhere.
@@ -157,13 +215,12 @@ impl<T: Real> Known<'_, T> {
         let sight = told.sight(anchor);
         let mut landmarks = Vec::new();
         for source in self.environment.sources_of(anchor) {
-            let (position_m, covariance_m2) = match source {
-                Source::Direct { .. } => (sight.anchor_m, [[T::ZERO; 2]; 2]),
-                Source::Virtual { slot, .. } => {
-                    (self.filter.virtual_anchor_m(slot), self.filter.virtual_anchor_covariance_m2(slot))
-                }
+            let (position_m, covariance_m2) = match self.environment.sequence(source) {
+                None => (sight.anchor_m, [[T::ZERO; 2]; 2]),
+                Some(sequence) => self.filter.placed(sight.anchor_m, &sequence),
             };
-            let detection = self.detection(told, scan, source, None).probability;
+            let anywhere = Prospect::anywhere(source);
+            let detection = detection(told, scan, self.environment, self.channel, &anywhere).probability;
             landmarks.push(Landmark {
                 position_m,
                 covariance_m2,
@@ -188,54 +245,89 @@ impl<T: Real> Known<'_, T> {
         }
     }
 
-    /// Where an anchor's candidates are seen from, its direct path being expected so, and what else leftovers may be.
-    pub fn discovery_view(
-        &self,
-        told: &Told<'_, T>,
-        anchor: usize,
-        direct: &Regression<T>,
-    ) -> (Viewpoint<T>, Background<T>) {
-        let sight = told.sight(anchor);
-        let viewpoint = Viewpoint {
-            agent: self.filter.agent(),
-            height_m: sight.height_m,
-            bias_m: self.filter.bias_m(anchor),
-            direct_m: direct.range_m,
-            direct_variance_m2: direct.variance_m2(),
-        };
-        let clutter = self.clutter.clutter(anchor);
-        let background = Background {
-            all_per_m: clutter.all_per_m,
-            false_alarms_per_m: clutter.false_alarms_per_m,
-            detection_probability: T::of(told.config.association.detection_probability),
-        };
-        (viewpoint, background)
-    }
-
-    /// The sources planning counts on: all direct paths, and the confirmed virtual anchors by slot.
-    pub fn visible(&self, told: &Told<'_, T>) -> Vec<Visible<T>> {
+    /// The sources planning counts on, as they are seen from a place: all direct paths, and the confirmed images by slot.
+    pub fn visible(&self, told: &Told<'_, T>, place: &Place<T>) -> Vec<Visible<T>> {
+        let direct = (0..told.anchors.len()).map(|anchor| Source::Direct { anchor });
+        let images = self.environment.in_use().into_iter();
+        let images = images.map(|(slot, record)| Source::Virtual { anchor: record.anchor, slot });
         let mut visible = Vec::new();
-        for anchor in 0..told.anchors.len() {
-            let sight = told.sight(anchor);
-            visible.push(Visible {
-                source: Source::Direct { anchor },
-                position_m: sight.anchor_m,
-                height_m: sight.height_m[0],
-                covariance_m2: [[T::ZERO; 2]; 2],
-            });
-        }
-        for (slot, record) in self.environment.in_use() {
-            if record.existence > T::of(CONFIRMED) {
-                visible.push(Visible {
-                    source: Source::Virtual { anchor: record.anchor, slot },
-                    position_m: self.filter.virtual_anchor_m(slot),
-                    height_m: told.sight(record.anchor).height_m[0],
-                    covariance_m2: self.filter.virtual_anchor_covariance_m2(slot),
-                });
-            }
+        for source in
+            direct.chain(images.filter(|image| self.environment.existence(*image) > T::of(CONFIRMED)))
+        {
+            let sight = told.sight(source.anchor());
+            let (availability, sequence) = self.available(sight.anchor_m, source, place);
+            let (position_m, covariance_m2) = match sequence {
+                None => (sight.anchor_m, [[T::ZERO; 2]; 2]),
+                Some(sequence) => self.filter.placed(sight.anchor_m, &sequence),
+            };
+            let height_m = sight.height_m[0];
+            visible.push(Visible { source, position_m, height_m, covariance_m2, availability });
         }
         visible
     }
+}
+
+/// How probable it is that the path of an existing source is found in a scan: in frames a matter of SINR, as remembered, or over
+/// the noise of this frame where that is less; all of it where the plan lets the path through, hardly any where it does not.
+pub fn detection<T: Real>(
+    told: &Told<'_, T>,
+    scan: &Scan<T>,
+    environment: &EnvironmentMemory<T>,
+    channel: &ChannelMemory<T>,
+    prospect: &Prospect<T>,
+) -> Detection<T> {
+    let Prospect { source, range_m, availability } = *prospect;
+    let usual = T::of(told.config.association.detection_probability);
+    let least = T::of(HIDDEN_DETECTION);
+    let (mut found, mut clear) = (usual, usual);
+    let mut unknown = false;
+    if let Some(frame) = &scan.frame {
+        let mut sinr = channel.sinr(source, scan.action);
+        if let Some(range_m) = range_m
+            && let Some(level) = scan.level(range_m)
+            && let Some(now) = channel.sinr_over(source, scan.action, range_m, level)
+        {
+            sinr = smaller(sinr, now);
+        }
+        found = detection_probability(sinr, frame.threshold);
+        if channel.has_seen(source) {
+            clear = channel.visibility(source) * found;
+        } else if environment.is_unseen(source) {
+            (clear, unknown) = (least, true);
+        }
+    }
+    let hidden = unknown || clear * availability <= least;
+    let open = limited(clear, least, usual);
+    Detection {
+        // Order: what the walls take away from it.
+        probability: open - (open - T::of(UNAVAILABLE_DETECTION)) * (T::ONE - availability),
+        found: found * availability,
+        sighting: if hidden { Sighting::Hidden } else { Sighting::Open },
+    }
+}
+
+/// Where an anchor's candidates are seen from, its direct path being expected so, and what else leftovers may be.
+pub fn discovery_view<T: Real>(
+    told: &Told<'_, T>,
+    filter: &StateFilter<T>,
+    clutter: &ClutterMemory<T>,
+    anchor: usize,
+    direct: &Regression<T>,
+) -> (Viewpoint<T>, Background<T>) {
+    let viewpoint = Viewpoint {
+        agent: filter.agent(),
+        height_m: told.sight(anchor).height_m,
+        bias_m: filter.bias_m(anchor),
+        direct_m: direct.range_m,
+        direct_variance_m2: direct.variance_m2(),
+    };
+    let clutter = clutter.clutter(anchor);
+    let background = Background {
+        all_per_m: clutter.all_per_m,
+        false_alarms_per_m: clutter.false_alarms_per_m,
+        detection_probability: T::of(told.config.association.detection_probability),
+    };
+    (viewpoint, background)
 }
 
 /// Where planning starts from.

@@ -4,11 +4,11 @@
 //! two reflections. Of too many walls those are used whose single reflections are worth most to all anchors together.
 
 use super::availability::{WallNow, availability, either_order};
-use super::plan::{Wall, is_inside, less, walls};
-use super::real::{Real, abs, larger, limited, sin, smaller, sqrt, square, tau};
+use super::plan::{FloorPlan, Wall};
+use super::real::{Real, abs, limited, sin, smaller, sqrt, square, tau};
+use super::surface::less;
 use cogmint_core::Anchor;
 use cogmint_core::model::listing::{PLACE_STD_M, THROUGH};
-use cogmint_core::model::plan::Plan;
 
 /// A source worth keeping.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Listed<T> {
 
 /// The best `most` sources over at most `most_walls` walls.
 pub fn list<T: Real>(
-    plan: &Plan<'_>,
+    plan: &FloorPlan<T>,
     anchors: &[Anchor],
     reflections: usize,
     max_range_m: f32,
@@ -35,15 +35,15 @@ pub fn list<T: Real>(
     if reflections == 0 {
         return Vec::new();
     }
-    let told: Vec<Wall<T>> = walls(plan);
+    let told = &plan.walls;
     let now: Vec<WallNow<T>> = told
         .iter()
         .map(|wall| WallNow::new(wall.clone(), T::of(wall.told.offset_std_m), T::of(THROUGH)))
         .collect();
-    let places = places(plan, &told);
+    let places = places(plan);
     let share = |anchor: &Anchor, sequence: &[usize], is_either: bool| {
         let anchor_m = anchor.position_m.map(T::of);
-        let image = sequence.iter().fold(anchor_m, |image, &wall| told[wall].mirrored_m(image));
+        let image = sequence.iter().fold(anchor_m, |image, &wall| told[wall].line.mirrored_m(image));
         let apart2 = |a: [T; 2], b: [T; 2]| {
             let way = less(a, b);
             square(way[0]) + square(way[1])
@@ -104,29 +104,14 @@ pub fn list<T: Real>(
 fn are_at_right_angles<T: Real>(a: &Wall<T>, b: &Wall<T>) -> bool {
     let [a_std, b_std] = [a, b].map(|wall| T::of(wall.told.rotation_std_rad));
     let explained = T::of(1e-3) + T::of(4.0) * sqrt(square(a_std) + square(b_std));
-    let cosine = a.normal[0] * b.normal[0] + a.normal[1] * b.normal[1];
+    let cosine = a.line.normal[0] * b.line.normal[0] + a.line.normal[1] * b.line.normal[1];
     abs(cosine) <= sin(smaller(explained, T::of(0.25) * tau()))
 }
 
 /// No more than 100 places, in rows and columns over the box of the outline, or of the walls.
-fn places<T: Real>(plan: &Plan<'_>, walls: &[Wall<T>]) -> Vec<[T; 2]> {
+fn places<T: Real>(plan: &FloorPlan<T>) -> Vec<[T; 2]> {
     let num = T::of;
-    let mut corners: Vec<[T; 2]> = plan.outline_m.iter().map(|corner_m| corner_m.map(num)).collect();
-    if corners.is_empty() {
-        for wall in walls {
-            let ([tx, ty], half) = (wall.tangent(), wall.half_length_m);
-            corners.push([wall.centre_m[0] - half * tx, wall.centre_m[1] - half * ty]);
-            corners.push([wall.centre_m[0] + half * tx, wall.centre_m[1] + half * ty]);
-        }
-    }
-    let Some(&start) = corners.first() else { return Vec::new() };
-    let (mut low, mut high) = (start, start);
-    for corner in &corners {
-        for axis in 0..2 {
-            low[axis] = smaller(low[axis], corner[axis]);
-            high[axis] = larger(high[axis], corner[axis]);
-        }
-    }
+    let Some([low, high]) = plan.box_m() else { return Vec::new() };
     let size = less(high, low);
     let columns =
         limited(sqrt(num(100.0) * (size[0] / size[1])) + num(0.5), T::ONE, num(100.0)).whole() as usize;
@@ -136,7 +121,7 @@ fn places<T: Real>(plan: &Plan<'_>, walls: &[Wall<T>]) -> Vec<[T; 2]> {
         for column in 0..columns {
             let share = |index, count| (T::of_count(index) + num(0.5)) / T::of_count(count);
             let place = [low[0] + size[0] * share(column, columns), low[1] + size[1] * share(row, rows)];
-            if is_inside(plan, place) {
+            if plan.is_inside(place) {
                 places.push(place);
             }
         }

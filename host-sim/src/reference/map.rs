@@ -1,15 +1,16 @@
-//! The life of virtual anchors: improbable ones are forgotten, doubled ones merged, resolved candidates taken in.
+//! The life of the map: improbable surfaces are forgotten, doubled images merged, resolved candidates taken in.
 
 use super::association::outcome::Outcome;
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::discovery::{Discovered, Discovery};
-use super::environment::EnvironmentMemory;
-use super::known::{Known, Told};
+use super::environment::{EnvironmentMemory, Removed};
+use super::known::{Prospect, Told, detection, discovery_view};
 use super::real::{Real, square};
 use super::receiver::Scan;
 use super::state_filter::StateFilter;
 use cogmint_core::memory::environment::{NEAR_M, TOLD};
+use cogmint_core::model::image::Sequence;
 use cogmint_core::model::source::Source;
 
 /// What happened to the map in a cycle.
@@ -25,13 +26,13 @@ pub struct Changes {
 
 /// The states that hold the map.
 pub struct Map<'a, T> {
-    /// Where virtual anchors are.
+    /// Where surfaces are.
     pub filter: &'a mut StateFilter<T>,
-    /// That they are.
+    /// That they are, and what is seen in them.
     pub environment: &'a mut EnvironmentMemory<T>,
-    /// How well they are heard.
+    /// How well sources are heard.
     pub channel: &'a mut ChannelMemory<T>,
-    /// What may be one.
+    /// What may be a new image.
     pub discovery: &'a mut Discovery<T>,
 }
 
@@ -44,16 +45,21 @@ impl<T: Real> Map<'_, T> {
         outcomes: &[Outcome<T>],
     ) -> Changes {
         let mut changes = Changes::default();
-        for slot in self.environment.forget() {
-            self.take_out(slot, &mut changes);
+        let records = self.environment.sources.clone();
+        let filter = &*self.filter;
+        let removed = self.environment.revise(|slot| match records[slot] {
+            Some(record) => filter.placed(told.sight(record.anchor).anchor_m, &record.sequence),
+            None => unreachable!("only sources in use are asked for"),
+        });
+        for removed in removed {
+            self.take_out(&removed, &mut changes);
         }
-        self.merge(&mut changes);
         if !told.config.discovery {
             return changes;
         }
         for Outcome { scan, expected, claims, beliefs, .. } in outcomes {
             let (viewpoint, background) =
-                self.known(clutter).discovery_view(told, scan.anchor, &expected[0].regression);
+                discovery_view(told, self.filter, clutter, scan.anchor, &expected[0].regression);
             let known_m: Vec<T> = expected.iter().map(|expected| expected.regression.range_m).collect();
             self.discovery.observe(
                 scan.anchor,
@@ -66,99 +72,62 @@ impl<T: Real> Map<'_, T> {
                 scan.resolution_m(),
             );
             while let Some(found) = self.discovery.take_resolved(scan.anchor) {
-                self.take_in(told, clutter, scan, &found, &mut changes);
+                self.take_in(told, scan, &found, &mut changes);
             }
         }
         changes
     }
 
-    fn known<'b>(&'b self, clutter: &'b ClutterMemory<T>) -> Known<'b, T> {
-        Known { filter: self.filter, environment: self.environment, channel: self.channel, clutter }
-    }
-
-    fn take_out(&mut self, slot: usize, changes: &mut Changes) {
-        self.filter.remove(slot);
-        self.channel.forget(slot);
+    fn take_out(&mut self, removed: &Removed, changes: &mut Changes) {
+        if let Some(surface) = removed.surface {
+            self.filter.remove(surface);
+        }
+        self.channel.forget(removed.slot);
         changes.forgotten += 1;
     }
 
-    /// Of two virtual anchors of an anchor that are one, the younger goes.
-    fn merge(&mut self, changes: &mut Changes) {
-        let placed = |slot: usize| {
-            (self.filter.virtual_anchor_m(slot), self.filter.virtual_anchor_covariance_m2(slot))
-        };
-        let mut doubled = Vec::new();
-        for (slot, record) in self.environment.in_use() {
-            let is_double_of = |other: usize| {
-                let ((a, c), (b, d)) = (placed(slot), placed(other));
-                let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
-                let (xx, yx, yy) = (c[0][0] + d[0][0], c[1][0] + d[1][0], c[1][1] + d[1][1]);
-                let form = yy * square(dx) - T::of(2.0) * (yx * (dx * dy)) + xx * square(dy);
-                square(dx) + square(dy) < square(T::of(NEAR_M)) && form < xx * yy - square(yx)
-            };
-            let is_younger = self.environment.in_use().into_iter().any(|(other, twin)| {
-                let older = twin.hits > record.hits || (twin.hits == record.hits && other < slot);
-                let rivals = twin.anchor == record.anchor && other != slot && !doubled.contains(&other);
-                rivals && older && is_double_of(other)
-            });
-            if record.hits > 0 && is_younger {
-                doubled.push(slot);
-            }
-        }
-        for slot in doubled {
-            self.environment.records[slot] = None;
-            self.take_out(slot, changes);
-        }
-    }
-
-    /// Enters a discovery into the map, unless it is known or there is no room.
-    fn take_in(
-        &mut self,
-        told: &Told<'_, T>,
-        clutter: &ClutterMemory<T>,
-        scan: &Scan<T>,
-        found: &Discovered<T>,
-        changes: &mut Changes,
-    ) {
+    /// Enters a discovery into the map with a private surface, unless it is known or there is no room.
+    fn take_in(&mut self, told: &Told<'_, T>, scan: &Scan<T>, found: &Discovered<T>, changes: &mut Changes) {
         if self.is_known(told, scan.anchor, found) {
             return;
         }
-        let slot = match self.environment.free_slot() {
-            Some(slot) => slot,
-            None => match self.environment.give_way(&self.detections(told, clutter, scan)) {
-                Some(slot) => {
-                    self.take_out(slot, changes);
-                    slot
-                }
-                None => {
-                    changes.map_full += 1;
-                    return;
-                }
-            },
+        let needs_surface = self.environment.free_surface().is_none();
+        if (needs_surface || self.environment.free_slot().is_none())
+            && let Some(removed) = self.environment.give_way(&self.detections(told, scan), needs_surface)
+        {
+            self.take_out(&removed, changes);
+        }
+        let (Some(slot), Some(surface)) = (self.environment.free_slot(), self.environment.free_surface())
+        else {
+            changes.map_full += 1;
+            return;
         };
-        self.filter.insert_relative(slot, found.position_m, found.gain, found.covariance_m2);
-        self.environment.insert(slot, scan.anchor, T::of(TOLD), 1);
+        self.filter.insert_relative(surface, found.position_m, found.gain, found.covariance_m2);
+        self.environment.insert_surface(surface, T::of(TOLD), false);
+        self.environment.insert(slot, scan.anchor, Sequence::of(surface as u8), 1);
         changes.discovered += 1;
     }
 
-    /// Within 0.3 m of the anchor or one of its virtual anchors.
+    /// Within 0.3 m of the anchor or one of its images.
     fn is_known(&self, told: &Told<'_, T>, anchor: usize, found: &Discovered<T>) -> bool {
+        let anchor_m = told.sight(anchor).anchor_m;
         let [x, y] = found.position_m;
         self.environment.sources_of(anchor).into_iter().any(|source| {
-            let [kx, ky] = match source {
-                Source::Direct { .. } => told.sight(anchor).anchor_m,
-                Source::Virtual { slot, .. } => self.filter.virtual_anchor_m(slot),
+            let [kx, ky] = match self.environment.sequence(source) {
+                None => anchor_m,
+                Some(sequence) => self.filter.placed(anchor_m, &sequence).0,
             };
             square(x - kx) + square(y - ky) < square(T::of(NEAR_M))
         })
     }
 
-    /// Detection probabilities by slot; 0 where it is free.
-    fn detections(&self, told: &Told<'_, T>, clutter: &ClutterMemory<T>, scan: &Scan<T>) -> Vec<T> {
-        let mut detections = vec![T::ZERO; self.environment.records.len()];
+    /// Detection probabilities by slot, wherever the tag is; 0 where it is free.
+    fn detections(&self, told: &Told<'_, T>, scan: &Scan<T>) -> Vec<T> {
+        let mut detections = vec![T::ZERO; self.environment.sources.len()];
         for (slot, record) in self.environment.in_use() {
             let source = Source::Virtual { anchor: record.anchor, slot };
-            detections[slot] = self.known(clutter).detection(told, scan, source, None).probability;
+            let anywhere = Prospect::anywhere(source);
+            detections[slot] = detection(told, scan, self.environment, self.channel, &anywhere).probability;
         }
         detections
     }

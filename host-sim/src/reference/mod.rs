@@ -9,12 +9,12 @@
 //! | [`real`] | the number type: `f32` or `f64` |
 //! | [`range`], [`motion`], [`clock`], [`soft_update`] | what every estimate of the tag, and every memory, uses |
 //! | [`pulse`], [`channel_estimator`], [`gain_control`], [`receiver`] | frames to paths, paths to scans |
-//! | [`plan`], [`image`], [`availability`], [`listing`] | walls, images in them, what can be seen from where |
 //! | [`belief`], [`acquisition`], [`loss`], [`manoeuvre`] | whether it is known where the tag is, and where it may be |
-//! | [`known`], [`overlap`] | what a scan is expected to show |
+//! | [`plan`], [`surface`], [`image`], [`listing`], [`start`] | what is told before the start |
+//! | [`known`], [`availability`], [`overlap`] | what a scan is expected to show |
 //! | [`association`] | paths to features |
-//! | [`state_filter`] | tag and virtual anchors |
-//! | [`remember`], [`environment`], [`channel_memory`], [`clutter`] | what is remembered |
+//! | [`state_filter`] | tag and surfaces |
+//! | [`remember`], [`environment`], [`transmission`], [`channel_memory`], [`clutter`] | what is remembered |
 //! | [`map`], [`discovery`] | virtual anchors no plan told of, and those that are none |
 //! | [`information`], [`controller`], [`controllers`] | what a measurement tells, and what to do next |
 //! | [`cycle`] | all of it, in order |
@@ -59,7 +59,10 @@ pub mod real;
 pub mod receiver;
 pub mod remember;
 pub mod soft_update;
+pub mod start;
 pub mod state_filter;
+pub mod surface;
+pub mod transmission;
 
 pub use cycle::{Capacity, Reference};
 pub use real::Real;
@@ -67,7 +70,26 @@ pub use real::Real;
 /// A symmetric matrix of any size, or any other: rows of entries.
 pub type Matrix<T> = Vec<Vec<T>>;
 
+/// A 2 by 2 matrix: rows of entries.
+pub type Square<T> = [[T; 2]; 2];
+
 /// A matrix of zeros.
 pub fn zeros<T: Real>(rows: usize, columns: usize) -> Matrix<T> {
     vec![vec![T::ZERO; columns]; rows]
+}
+
+/// A B.
+pub fn product<T: Real>(a: &Square<T>, b: &Square<T>) -> Square<T> {
+    let mut c = [[T::ZERO; 2]; 2];
+    for row in 0..2 {
+        for column in 0..2 {
+            c[row][column] = a[row][0] * b[0][column] + a[row][1] * b[1][column];
+        }
+    }
+    c
+}
+
+/// M'.
+pub fn transposed<T: Real>(m: &Square<T>) -> Square<T> {
+    [[m[0][0], m[1][0]], [m[0][1], m[1][1]]]
 }

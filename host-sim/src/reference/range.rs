@@ -29,8 +29,10 @@ pub struct Regression<T> {
     pub source: Source,
     /// Expected range, metres.
     pub range_m: T,
-    /// Slope g over d = p - a.
+    /// Slope g over d = p - m, m the image.
     pub slope: [T; 2],
+    /// Slopes -D'g over the two numbers of each surface that reflects the path, with the surface's slot.
+    pub surfaces: [Option<(usize, [T; 2])>; 2],
     /// Variance around the line, square metres.
     pub residual_m2: T,
     /// Variance along it, square metres.

@@ -2,19 +2,21 @@
 
 use super::association::Belief;
 use super::association::outcome::Outcome;
+use super::availability::{WallNow, crossing};
 use super::belief::Belief as TagBelief;
 use super::channel_memory::{ChannelMemory, Received, jump};
 use super::clutter::ClutterMemory;
 use super::controllers::Controllers;
-use super::environment::EnvironmentMemory;
-use super::known::Told;
+use super::environment::{EnvironmentMemory, Look};
+use super::known::{Place, Told};
 use super::real::{Real, larger};
 use super::receiver::{Receiver, Scan};
+use super::transmission::TransmissionMemory;
 use cogmint_core::model::source::Source;
 
 /// The memories.
 pub struct Memories<'a, T> {
-    /// Which virtual anchors exist.
+    /// Which surfaces exist.
     pub environment: &'a mut EnvironmentMemory<T>,
     /// How well sources are heard.
     pub channel: &'a mut ChannelMemory<T>,
@@ -94,9 +96,13 @@ impl<T: Real> Memories<'_, T> {
         for (expected, belief) in outcome.expected.iter().zip(&outcome.beliefs.features) {
             let (source, range_m) = (expected.regression.source, expected.regression.range_m);
             if let Source::Virtual { slot, .. } = source {
-                let seen = belief.missed < T::of(0.5);
-                let sighting = expected.sighting;
-                self.environment.remember(slot, belief.existence, seen, sighting, scan.elapsed_s);
+                let look = Look {
+                    prior: expected.feature.existence,
+                    posterior: belief.existence,
+                    seen: belief.missed < T::of(0.5),
+                    sighting: expected.sighting,
+                };
+                self.environment.remember(slot, &look, scan.elapsed_s);
             }
             let Some(level) = scan.level(range_m) else { continue };
             for m in own_paths(scan, belief) {
@@ -108,6 +114,21 @@ impl<T: Real> Memories<'_, T> {
         if scan.frame.is_some() {
             self.channel.remember_frame(scan.anchor, received);
         }
+    }
+}
+
+/// What direct paths tell of the walls that they cross, the tag being where it is.
+pub fn look_through<T: Real>(
+    transmission: &mut TransmissionMemory<T>,
+    told: &Told<'_, T>,
+    walls: &[WallNow<T>],
+    place: &Place<T>,
+    outcomes: &[Outcome<T>],
+) {
+    for Outcome { scan, beliefs, .. } in outcomes {
+        let anchor_m = told.sight(scan.anchor).anchor_m;
+        let crossing = crossing(walls, anchor_m, place.position_m, place.std_m);
+        transmission.remember(crossing, T::ONE - beliefs.features[0].missed, scan.elapsed_s);
     }
 }
 

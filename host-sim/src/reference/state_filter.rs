@@ -1,22 +1,29 @@
 //! The state filter: one mean vector, one covariance matrix.
 //!
-//! State, in this order: the tag (p_x, p_y, v_x, v_y), one range bias per anchor, two coordinates per slot of the map.
-//! A slot without a virtual anchor keeps zeros and is left out of every loop; so are the biases when they are not
+//! State, in this order: the tag (p_x, p_y, v_x, v_y), one range bias per anchor, two numbers per slot of the surfaces
+//! ([`super::surface`]). A slot without a surface keeps zeros and is left out of every loop; so are the biases when they are not
 //! estimated.
 //!
-//! Prediction: x <- F x, C <- F C F' + Q ([`super::motion`]), and a random walk of the virtual anchors.
+//! Prediction: x <- F x, C <- F C F' + Q ([`super::motion`]), and a random walk of the surfaces.
 //!
-//! Measurement: z = |d| + b with d = p - a, linearised over the spread of d (five sigma points) to z = mean + h' (x -
-//! E x) + residual, where h has the slope g at p, -g at a, and 1 at b. With w = C h, the update is the soft one along w ([`super::soft_update`]), with S = h' w + residual + measurement variance.
+//! Measurement: z = |d| + b with d = p - m, m the image ([`super::image`]), to first order E m + D_1 (s_1 - E s_1) + D_2 (s_2 -
+//! E s_2) with the numbers s of its surfaces; its curvature shifts E m. Linearised over the spread of d (five sigma points):
+//! z = mean + h' (x - E x) + residual, where h has the slope g at p, -D'g at each surface, and 1 at b. With w = C h, the update
+//! is the soft one along w ([`super::soft_update`]), with S = h' w + residual + measurement variance.
 
+use super::image::Image;
 use super::motion::{AGENT, Agent, MotionStep, PX, PY, ProcessNoise, VX, VY};
 use super::range::{Regression, SMALLEST_SPREAD_M2, Sight, regress_distance};
 use super::real::{Real, larger, sqrt, square};
 use super::soft_update::{Moments, SoftUpdate};
-use super::{Matrix, zeros};
+use super::surface::Surface;
+use super::{Matrix, Square, product, transposed, zeros};
+use cogmint_core::model::image::Sequence;
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
-use cogmint_core::perceptor::state_filter::{ROUNDING_MARGIN, VELOCITY_LIMIT, VIRTUAL_ANCHOR_LIMIT_M2};
+use cogmint_core::perceptor::state_filter::{
+    ROTATION_LIMIT, ROTATION_WALK_PER_M2, ROUNDING_MARGIN, SURFACE_LIMIT_M2, VELOCITY_LIMIT,
+};
 use std::fmt;
 
 /// What the measurements of one feature amount to.
@@ -36,7 +43,7 @@ pub struct StateFilter<T> {
     anchors: usize,
     mean: Vec<T>,
     covariance: Matrix<T>,
-    occupied: Vec<bool>,
+    surfaces: Vec<Option<Surface<T>>>,
     estimate_bias: bool,
     bias_limit_m2: T,
     motion: Motion,
@@ -58,7 +65,7 @@ pub struct Prior {
 }
 
 impl<T: Real> StateFilter<T> {
-    /// A filter for `anchors` biases and `slots` virtual anchors, at its prior.
+    /// A filter for `anchors` biases and `slots` surfaces, at its prior.
     pub fn new(anchors: usize, slots: usize, motion: Motion, prior: &Prior) -> Self {
         let size = AGENT + anchors + 2 * slots;
         let mut mean = vec![T::ZERO; size];
@@ -74,7 +81,7 @@ impl<T: Real> StateFilter<T> {
         }
         let estimate_bias = prior.bias_std_m > 0.0;
         let bias_limit_m2 = square(T::of(prior.bias_std_m));
-        Self { anchors, mean, covariance, occupied: vec![false; slots], estimate_bias, bias_limit_m2, motion }
+        Self { anchors, mean, covariance, surfaces: vec![None; slots], estimate_bias, bias_limit_m2, motion }
     }
 
     /// Index of an anchor's bias.
@@ -82,7 +89,7 @@ impl<T: Real> StateFilter<T> {
         AGENT + anchor
     }
 
-    /// Index of a virtual anchor's x; y follows.
+    /// Index of a surface's first number; the second follows.
     fn slot(&self, slot: usize) -> usize {
         AGENT + self.anchors + 2 * slot
     }
@@ -91,14 +98,22 @@ impl<T: Real> StateFilter<T> {
         index >= AGENT && index < AGENT + self.anchors
     }
 
+    /// Whether a state is the rotation of a wall.
+    fn is_rotation(&self, index: usize) -> bool {
+        let first = self.slot(0);
+        index >= first
+            && (index - first) % 2 == 1
+            && matches!(self.surfaces[(index - first) / 2], Some(Surface::Wall(_)))
+    }
+
     /// Indices of all states in use, in order.
     fn active(&self) -> Vec<usize> {
         let mut indices: Vec<usize> = (0..AGENT).collect();
         if self.estimate_bias {
             indices.extend((0..self.anchors).map(|anchor| self.bias(anchor)));
         }
-        for slot in 0..self.occupied.len() {
-            if self.occupied[slot] {
+        for slot in 0..self.surfaces.len() {
+            if self.surfaces[slot].is_some() {
                 indices.push(self.slot(slot));
                 indices.push(self.slot(slot) + 1);
             }
@@ -152,31 +167,123 @@ impl<T: Real> StateFilter<T> {
         }
     }
 
-    /// Position of a virtual anchor, metres.
-    pub fn virtual_anchor_m(&self, slot: usize) -> [T; 2] {
+    /// The surface in a slot, its two numbers and their covariance; none where it is free.
+    pub fn surface(&self, slot: usize) -> Option<(Surface<T>, [T; 2], Square<T>)> {
+        Some((self.surfaces[slot]?, self.numbers(slot), self.block(slot, slot)))
+    }
+
+    /// The first free slot.
+    pub fn free_slot(&self) -> Option<usize> {
+        self.surfaces.iter().position(Option::is_none)
+    }
+
+    /// How many slots are free.
+    pub fn free_slots(&self) -> usize {
+        self.surfaces.iter().filter(|surface| surface.is_none()).count()
+    }
+
+    /// The two numbers of a surface.
+    fn numbers(&self, slot: usize) -> [T; 2] {
         [self.mean[self.slot(slot)], self.mean[self.slot(slot) + 1]]
     }
 
-    /// Covariance of a virtual anchor's position, square metres.
-    pub fn virtual_anchor_covariance_m2(&self, slot: usize) -> [[T; 2]; 2] {
-        let a = self.slot(slot);
+    /// Covariance of the numbers of two surfaces, those of the first in the rows.
+    fn block(&self, first: usize, second: usize) -> Square<T> {
+        self.corner(self.slot(first), self.slot(second))
+    }
+
+    /// The four entries of the covariance from here on.
+    fn corner(&self, row: usize, column: usize) -> Square<T> {
         let c = &self.covariance;
-        [[c[a][a], c[a][a + 1]], [c[a + 1][a], c[a + 1][a + 1]]]
+        [[c[row][column], c[row][column + 1]], [c[row + 1][column], c[row + 1][column + 1]]]
     }
 
-    /// Adds a virtual anchor that is correlated with nothing; exact where `std_m` is 0.
-    pub fn insert_independent(&mut self, slot: usize, position_m: [T; 2], std_m: T) {
-        let variance = square(std_m);
-        self.fill(slot, position_m);
-        let a = self.slot(slot);
-        self.covariance[a][a] = variance;
-        self.covariance[a + 1][a + 1] = variance;
+    /// The image of an anchor in a sequence of surfaces, all of them in use.
+    fn image(&self, anchor_m: [T; 2], sequence: &Sequence) -> Image<T> {
+        let mut walls = Vec::new();
+        for slot in sequence.surfaces() {
+            match self.surfaces[slot] {
+                Some(Surface::Wall(line)) => walls.push((line, self.numbers(slot))),
+                Some(Surface::Private) => return Image::private(self.numbers(slot)),
+                None => unreachable!("sources in use are seen in surfaces in use"),
+            }
+        }
+        Image::of(anchor_m, &walls)
     }
 
-    /// Adds a virtual anchor a known relative to the tag's position p: a = E a + G (p - E p) + own error, so
+    /// Where an image is expected: its curvature shifts the mean, by the covariance of the surfaces' numbers.
+    fn expected_m(&self, image: &Image<T>, sequence: &Sequence) -> [T; 2] {
+        let slots: Vec<usize> = sequence.surfaces().collect();
+        let own: Vec<[T; 2]> = slots.iter().map(|&slot| self.block(slot, slot)[1]).collect();
+        let cross = match slots[..] {
+            [first, second] => self.block(first, second).map(|row| row[1]),
+            _ => [T::ZERO; 2],
+        };
+        let shift = image.shift_m(&own, cross);
+        [image.position_m[0] + shift[0], image.position_m[1] + shift[1]]
+    }
+
+    /// D C_ss D' (xx, yx, yy) of an image. Order: the first surface's part, then the sum of the second's and what both have in
+    /// common.
+    fn spread_m2(&self, image: &Image<T>, sequence: &Sequence) -> [T; 3] {
+        let slots: Vec<usize> = sequence.surfaces().collect();
+        // D_a C_ab D_b'.
+        let part = |a: usize, b: usize| {
+            let left = transposed(&image.slopes[a]);
+            product(&product(&left, &self.block(slots[a], slots[b])), &image.slopes[b])
+        };
+        let own = part(0, 0);
+        let mut spread = [own[0][0], own[1][0], own[1][1]];
+        if slots.len() == 2 {
+            let (own, k) = (part(1, 1), part(0, 1));
+            spread[0] += own[0][0] + T::of(2.0) * k[0][0];
+            spread[1] += own[1][0] + (k[1][0] + k[0][1]);
+            spread[2] += own[1][1] + T::of(2.0) * k[1][1];
+        }
+        spread
+    }
+
+    /// Where an image is expected, metres, and the covariance of its position, square metres.
+    pub fn placed(&self, anchor_m: [T; 2], sequence: &Sequence) -> ([T; 2], Square<T>) {
+        let image = self.image(anchor_m, sequence);
+        let [xx, yx, yy] = self.spread_m2(&image, sequence);
+        (self.expected_m(&image, sequence), [[xx, yx], [yx, yy]])
+    }
+
+    /// Adds a surface that is correlated with nothing; a number is exact where its deviation is 0.
+    pub fn insert_independent(&mut self, slot: usize, surface: Surface<T>, numbers: [T; 2], std: [T; 2]) {
+        self.fill(slot, surface, numbers);
+        let s = self.slot(slot);
+        for number in 0..2 {
+            self.covariance[s + number][s + number] = square(std[number]);
+        }
+    }
+
+    /// C <- C + variance h h', h being `slopes` (by slot) at the numbers that are not exact.
+    pub fn correlate(&mut self, variance: T, slopes: impl Fn(usize) -> [T; 2]) {
+        let mut h = vec![T::ZERO; self.mean.len()];
+        for slot in 0..self.surfaces.len() {
+            for number in 0..2 {
+                let i = self.slot(slot) + number;
+                if self.covariance[i][i] > T::ZERO {
+                    h[i] = slopes(slot)[number];
+                }
+            }
+        }
+        let first = self.slot(0);
+        for i in first..h.len() {
+            for j in first..=i {
+                // Order: (variance h_i) h_j with i the later state.
+                let value = self.covariance[i][j] + variance * h[i] * h[j];
+                self.set_symmetric(i, j, value);
+            }
+        }
+    }
+
+    /// Adds a private surface a known relative to the tag's position p: a = E a + G (p - E p) + own error, so
     /// C_a* = G C_p* and C_aa = own + G C_pa.
-    pub fn insert_relative(&mut self, slot: usize, position_m: [T; 2], gain: [[T; 2]; 2], own: [[T; 2]; 2]) {
-        self.fill(slot, position_m);
+    pub fn insert_relative(&mut self, slot: usize, position_m: [T; 2], gain: Square<T>, own: Square<T>) {
+        self.fill(slot, Surface::Private, position_m);
         let a = self.slot(slot);
         for axis in 0..2 {
             for i in 0..self.mean.len() {
@@ -200,17 +307,18 @@ impl<T: Real> StateFilter<T> {
         g[0] * self.covariance[PX][i] + g[1] * self.covariance[PY][i]
     }
 
-    fn fill(&mut self, slot: usize, position_m: [T; 2]) {
+    fn fill(&mut self, slot: usize, surface: Surface<T>, numbers: [T; 2]) {
         self.remove(slot);
-        self.occupied[slot] = true;
-        let a = self.slot(slot);
-        self.mean[a] = position_m[0];
-        self.mean[a + 1] = position_m[1];
+        self.surfaces[slot] = Some(surface);
+        for number in 0..2 {
+            let i = self.slot(slot) + number;
+            self.mean[i] = numbers[number];
+        }
     }
 
-    /// Takes a virtual anchor out: its mean and all its covariances become zero.
+    /// Takes a surface out: its mean and all its covariances become zero.
     pub fn remove(&mut self, slot: usize) {
-        self.occupied[slot] = false;
+        self.surfaces[slot] = None;
         for a in [self.slot(slot), self.slot(slot) + 1] {
             self.mean[a] = T::ZERO;
             for i in 0..self.mean.len() {
@@ -237,9 +345,10 @@ impl<T: Real> StateFilter<T> {
                 self.set_symmetric(p, i, moved);
                 self.set_symmetric(v, i, slowed);
             }
-            // A virtual anchor without variance is known exactly and does not walk.
+            // A number without variance is known exactly and does not walk.
             if !self.is_bias(i) && self.covariance[i][i] > T::ZERO {
-                self.covariance[i][i] += walk;
+                let share = if self.is_rotation(i) { T::of(ROTATION_WALK_PER_M2) } else { T::ONE };
+                self.covariance[i][i] += walk * share;
             }
         }
         self.limit();
@@ -271,8 +380,10 @@ impl<T: Real> StateFilter<T> {
                 T::of(VELOCITY_LIMIT)
             } else if self.is_bias(i) {
                 self.bias_limit_m2
+            } else if self.is_rotation(i) {
+                T::of(ROTATION_LIMIT)
             } else {
-                T::of(VIRTUAL_ANCHOR_LIMIT_M2)
+                T::of(SURFACE_LIMIT_M2)
             };
             if self.covariance[i][i] > limit {
                 factor[i] = sqrt(limit / self.covariance[i][i]);
@@ -288,41 +399,53 @@ impl<T: Real> StateFilter<T> {
         }
     }
 
-    /// The line of a range to `source` around the present state.
-    pub fn regress(&self, source: Source, sight: &Sight<T>) -> Regression<T> {
+    /// The line of a range to `source` around the present state; `sequence` is what reflects the path, if anything does.
+    pub fn regress(&self, source: Source, sight: &Sight<T>, sequence: Option<&Sequence>) -> Regression<T> {
         let num = T::of;
         let c = &self.covariance;
         let b = self.bias(source.anchor());
-        let distance;
-        let spread;
+        // Of d = p - m: C_pp - C_pm - C_mp + C_mm, and C_pb - C_mb.
+        let mut spread = self.corner(PX, PX);
         let mut bias_cross = [c[PX][b], c[PY][b]];
-        match source {
-            Source::Direct { .. } => {
-                distance = [self.mean[PX] - sight.anchor_m[0], self.mean[PY] - sight.anchor_m[1]];
-                spread = [c[PX][PX], c[PY][PX], c[PY][PY]];
+        let mut position_m = sight.anchor_m;
+        let mut slopes = Vec::new();
+        if let Some(sequence) = sequence {
+            let image = self.image(sight.anchor_m, sequence);
+            position_m = self.expected_m(&image, sequence);
+            // Order: what tag and surfaces have in common, surface by surface, then what the surfaces have.
+            for (slot, d) in sequence.surfaces().zip(&image.slopes) {
+                let s = self.slot(slot);
+                let k = product(&self.corner(PX, s), d);
+                spread[0][0] -= num(2.0) * k[0][0];
+                spread[1][0] -= k[1][0] + k[0][1];
+                spread[1][1] -= num(2.0) * k[1][1];
+                for axis in 0..2 {
+                    bias_cross[axis] -= d[0][axis] * c[s][b] + d[1][axis] * c[s + 1][b];
+                }
+                slopes.push((slot, *d));
             }
-            Source::Virtual { slot, .. } => {
-                // Covariance of p - a: C_pp - C_pa - C_ap + C_aa.
-                let (ax, ay) = (self.slot(slot), self.slot(slot) + 1);
-                distance = [self.mean[PX] - self.mean[ax], self.mean[PY] - self.mean[ay]];
-                spread = [
-                    c[PX][PX] - num(2.0) * c[PX][ax] + c[ax][ax],
-                    c[PY][PX] - (c[PY][ax] + c[PX][ay]) + c[ay][ax],
-                    c[PY][PY] - num(2.0) * c[PY][ay] + c[ay][ay],
-                ];
-                bias_cross = [bias_cross[0] - c[ax][b], bias_cross[1] - c[ay][b]];
-            }
+            let [xx, yx, yy] = self.spread_m2(&image, sequence);
+            spread[0][0] += xx;
+            spread[1][0] += yx;
+            spread[1][1] += yy;
         }
-        let line = regress_distance(distance, spread, sight.height_m);
+        let distance = [self.mean[PX] - position_m[0], self.mean[PY] - position_m[1]];
+        let line = regress_distance(distance, [spread[0][0], spread[1][0], spread[1][1]], sight.height_m);
+        let [gx, gy] = line.slope;
         let mut explained_m2 = line.explained;
         if self.estimate_bias {
-            let cross = line.slope[0] * bias_cross[0] + line.slope[1] * bias_cross[1];
+            let cross = gx * bias_cross[0] + gy * bias_cross[1];
             explained_m2 = larger(explained_m2 + num(2.0) * cross + c[b][b], num(SMALLEST_SPREAD_M2));
+        }
+        let mut surfaces = [None; 2];
+        for (place, (slot, d)) in surfaces.iter_mut().zip(slopes) {
+            *place = Some((slot, d.map(|[dx, dy]| -(gx * dx + gy * dy))));
         }
         Regression {
             source,
             range_m: line.mean + self.mean[b],
             slope: line.slope,
+            surfaces,
             residual_m2: line.residual,
             explained_m2,
         }
@@ -353,7 +476,7 @@ impl<T: Real> StateFilter<T> {
         let explained = larger(self.form(regression, &w), T::ZERO);
         // The line was taken at the prior; since then the state has moved along it.
         let moved: Vec<T> = (0..w.len()).map(|i| self.mean[i] - prior[i]).collect();
-        let moments = moments.shifted(self.shift(regression, &moved));
+        let moments = moments.shifted(self.form(regression, &moved));
         // Order: what the state does not explain first.
         let variance = explained + (*variance_m2 + regression.residual_m2);
         let change = SoftUpdate::new(&moments, variance, explained);
@@ -375,9 +498,14 @@ impl<T: Real> StateFilter<T> {
         }
     }
 
+    /// The entries of h at the surfaces: by the index of the surface's first number.
+    fn surface_slopes(&self, regression: &Regression<T>) -> Vec<(usize, [T; 2])> {
+        regression.surfaces.iter().flatten().map(|&(slot, h)| (self.slot(slot), h)).collect()
+    }
+
     /// (C h)_i: covariance of the range with state i.
     ///
-    /// Order: (tag - virtual anchor) + bias; in the rows of the biases (tag + bias) - virtual anchor.
+    /// Order: tag, surfaces, bias; in the rows of the biases tag, bias, surfaces.
     fn covariance_with(&self, regression: &Regression<T>, i: usize) -> T {
         let c = &self.covariance;
         let [gx, gy] = regression.slope;
@@ -386,9 +514,8 @@ impl<T: Real> StateFilter<T> {
         if self.is_bias(i) {
             sum += bias;
         }
-        if let Source::Virtual { slot, .. } = regression.source {
-            let a = self.slot(slot);
-            sum -= gx * c[a][i] + gy * c[a + 1][i];
+        for (s, [h1, h2]) in self.surface_slopes(regression) {
+            sum += h1 * c[s][i] + h2 * c[s + 1][i];
         }
         if self.estimate_bias && !self.is_bias(i) {
             sum += bias;
@@ -396,41 +523,24 @@ impl<T: Real> StateFilter<T> {
         sum
     }
 
-    /// h' w. Order: tag, virtual anchor, bias.
-    fn form(&self, regression: &Regression<T>, w: &[T]) -> T {
+    /// h' x. Order: tag, surfaces, bias.
+    fn form(&self, regression: &Regression<T>, x: &[T]) -> T {
         let [gx, gy] = regression.slope;
-        let mut sum = gx * w[PX] + gy * w[PY];
-        if let Source::Virtual { slot, .. } = regression.source {
-            let a = self.slot(slot);
-            sum -= gx * w[a] + gy * w[a + 1];
+        let mut sum = gx * x[PX] + gy * x[PY];
+        for (s, [h1, h2]) in self.surface_slopes(regression) {
+            sum += h1 * x[s] + h2 * x[s + 1];
         }
         if self.estimate_bias {
-            sum += w[self.bias(regression.source.anchor())];
+            sum += x[self.bias(regression.source.anchor())];
         }
         sum
-    }
-
-    /// h' w once more. Order: here the differences of tag and virtual anchor are formed before the slope.
-    fn shift(&self, regression: &Regression<T>, moved: &[T]) -> T {
-        let [gx, gy] = regression.slope;
-        let [mut dx, mut dy] = [moved[PX], moved[PY]];
-        if let Source::Virtual { slot, .. } = regression.source {
-            let a = self.slot(slot);
-            dx -= moved[a];
-            dy -= moved[a + 1];
-        }
-        let mut shift = gx * dx + gy * dy;
-        if self.estimate_bias {
-            shift += moved[self.bias(regression.source.anchor())];
-        }
-        shift
     }
 
     /// Every number of the state with its name, in the order of the core's `visit`.
     pub fn visit(&self, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
         const NAMES: [&str; AGENT] = ["px", "py", "vx", "vy"];
-        const AXES: [&str; 2] = ["x", "y"];
-        let slots = self.occupied.len();
+        const NUMBERS: [&str; 2] = ["first", "second"];
+        let slots = self.surfaces.len();
         for i in 0..AGENT {
             f(format_args!("mean of agent {}", NAMES[i]), self.mean[i]);
         }
@@ -440,8 +550,24 @@ impl<T: Real> StateFilter<T> {
         for k in 0..slots {
             for axis in 0..2 {
                 let value = self.mean[self.slot(k) + axis];
-                f(format_args!("mean of virtual anchor {k} {}", AXES[axis]), value);
+                f(format_args!("mean of surface {k}, {} number", NUMBERS[axis]), value);
             }
+        }
+        for (k, surface) in self.surfaces.iter().enumerate() {
+            if let Some(Surface::Wall(line)) = surface {
+                for axis in 0..2 {
+                    f(format_args!("centre of surface {k} {}", ["x", "y"][axis]), line.centre_m[axis]);
+                }
+                for axis in 0..2 {
+                    f(format_args!("normal of surface {k} {}", ["x", "y"][axis]), line.normal[axis]);
+                }
+            }
+            let kind = match surface {
+                None => 0.0,
+                Some(Surface::Private) => 1.0,
+                Some(Surface::Wall(_)) => 2.0,
+            };
+            f(format_args!("kind of surface {k}"), T::of(kind));
         }
         let c = &self.covariance;
         for column in 0..AGENT {
@@ -465,30 +591,25 @@ impl<T: Real> StateFilter<T> {
         for k in 0..slots {
             let a = self.slot(k);
             for axis in 0..2 {
-                let name = AXES[axis];
+                let name = NUMBERS[axis];
                 for i in 0..AGENT {
                     let agent = NAMES[i];
-                    f(
-                        format_args!("covariance of virtual anchor {k} {name} with agent {agent}"),
-                        c[i][a + axis],
-                    );
+                    f(format_args!("covariance of surface {k} {name} with agent {agent}"), c[i][a + axis]);
                 }
             }
             for j in 0..self.anchors {
                 for axis in 0..2 {
-                    let name = AXES[axis];
+                    let name = NUMBERS[axis];
                     let value = c[a + axis][self.bias(j)];
-                    f(format_args!("covariance of virtual anchor {k} {name} with bias {j}"), value);
+                    f(format_args!("covariance of surface {k} {name} with bias {j}"), value);
                 }
             }
             for l in 0..=k {
                 for column in 0..2 {
                     for row in 0..2 {
-                        let (own, other) = (AXES[row], AXES[column]);
+                        let (own, other) = (NUMBERS[row], NUMBERS[column]);
                         f(
-                            format_args!(
-                                "covariance of virtual anchor {k} {own} with virtual anchor {l} {other}"
-                            ),
+                            format_args!("covariance of surface {k} {own} with surface {l} {other}"),
                             c[a + row][self.slot(l) + column],
                         );
                     }

@@ -4,29 +4,13 @@
 //! carries for dt is therefore p <- A p + noise with A = I + dt C_vp C_pp^-1, and the noise what is missing to the state filter's new covariance. An update is the
 //! information it brought: the matrix J = C_pp+^-1 - C_pp^-1 and the vector C_pp+^-1 (p+ - p).
 
-use super::Square;
 use crate::reference::motion::{Agent, PX, PY, VX};
 use crate::reference::real::{Real, larger, sqrt, square};
-
-/// A B.
-pub fn product<T: Real>(a: &Square<T>, b: &Square<T>) -> Square<T> {
-    let mut c = [[T::ZERO; 2]; 2];
-    for row in 0..2 {
-        for column in 0..2 {
-            c[row][column] = a[row][0] * b[0][column] + a[row][1] * b[1][column];
-        }
-    }
-    c
-}
+use crate::reference::{Square, product, transposed};
 
 /// M v.
 pub fn applied<T: Real>(m: &Square<T>, v: [T; 2]) -> [T; 2] {
     [m[0][0] * v[0] + m[0][1] * v[1], m[1][0] * v[0] + m[1][1] * v[1]]
-}
-
-/// M'.
-pub fn transposed<T: Real>(m: &Square<T>) -> Square<T> {
-    [[m[0][0], m[1][0]], [m[0][1], m[1][1]]]
 }
 
 /// M^-1, as if the determinant were at least `least`. Order: times the inverse of the determinant.

@@ -4,11 +4,11 @@
 //! hypothesis alone. The mean direction is a unit vector; an angle a away from it is held as t = 2 tan(a/2), so
 //! cos a = (4 - t^2)/(4 + t^2) and sin a = 4t/(4 + t^2). Covariance in blocks: C_hh, C = C_hp, and T = C_pp.
 
-use super::Square;
-use super::common_motion::{Correction, Prediction, applied, inverse, precision, product, transposed};
+use super::common_motion::{Correction, Prediction, applied, inverse, precision};
 use crate::reference::range::{five_points, height_variance_m2};
 use crate::reference::real::{Real, larger, sqrt, square};
 use crate::reference::soft_update::{Moments, SoftUpdate};
+use crate::reference::{Square, product, transposed};
 use cogmint_core::memory::discovery::hypothesis::{LEAST_ANGLE, LEAST_RADIUS_M2, LEAST_TAG_M2};
 use std::fmt;
 

@@ -25,14 +25,11 @@ use self::common_motion::{Correction, Prediction};
 use super::association::Measurement;
 use super::motion::{Agent, MotionStep, PX, PY};
 use super::real::{Real, abs, larger, sqrt, square};
-use super::{Matrix, zeros};
+use super::{Matrix, Square, zeros};
 use cogmint_core::memory::discovery::{
     CANDIDATES, CLEARLY, DiscoverySettings, LEAST_FREE, LEAST_PRIOR, LOST_M2, ROUNDS,
 };
 use std::fmt;
-
-/// A 2 x 2 matrix: rows of entries.
-pub type Square<T> = [[T; 2]; 2];
 
 /// Where an anchor's candidates are seen from.
 #[derive(Clone, Debug)]
