@@ -1,8 +1,10 @@
 //! The feed: set-up and cycles of a recording, as the host's `cogmint trace --feed` writes them.
 //!
-//! Little-endian 32-bit words. `COG1`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
+//! Little-endian 32-bit words. `COG2`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
 //! 11 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 3
-//! more words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; per
+//! more words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; whether there is a plan; of
+//! a plan counts of corners, walls and segments, deviation of its turn, reflections, most sources, per corner x, y, per wall
+//! the deviations of its offset and rotation, per segment its wall and both ends; per
 //! action carrier and pulse duration. Per cycle: elapsed time; whether the height is known and the height; number
 //! of frames; per frame anchor, action, delay of the first sample, kind (0 complex, 1 magnitude), number of
 //! samples, samples; number of ranges; per range anchor, range, variance.
@@ -12,12 +14,13 @@ use crate::host::File;
 use cogmint_core::model::observation::{Complex, Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::radio::library::Action;
 use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
-use cogmint_core::{Anchor, Config, MappedVirtualAnchor};
+use cogmint_core::{Anchor, Config, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall};
 use heapless::Vec;
 
-const MAGIC: u32 = u32::from_le_bytes(*b"COG1");
+const MAGIC: u32 = u32::from_le_bytes(*b"COG2");
 const ANCHORS: usize = 2;
-const VAS: usize = 24;
+const SOURCES: usize = 24;
+const SEGMENTS: usize = 64;
 const PATHS: usize = 16;
 const ACTIONS: usize = 40;
 
@@ -33,13 +36,47 @@ pub struct Setup {
     /// The anchors.
     pub anchors: Vec<Anchor, ANCHORS>,
     /// Virtual anchors told of.
-    pub map: Vec<MappedVirtualAnchor, VAS>,
+    pub virtual_anchors: Vec<MappedVirtualAnchor, SOURCES>,
+    /// The floor plan.
+    pub plan: Option<StoredPlan>,
     /// Carriers and pulses.
     pub actions: Vec<Action, ACTIONS>,
     /// Seed of the tracker.
     pub seed: u64,
     /// Cycles that follow.
     pub cycles: u32,
+}
+
+/// A floor plan, with what it consists of.
+#[derive(Default)]
+pub struct StoredPlan {
+    outline_m: Vec<[f32; 2], SEGMENTS>,
+    walls: Vec<PlanWall, SEGMENTS>,
+    segments: Vec<PlanSegment, SEGMENTS>,
+    turn_std_rad: f32,
+    reflections: usize,
+    most_sources: usize,
+}
+
+impl Setup {
+    /// What the tracker is told of the surroundings.
+    pub fn map(&self) -> Map<'_> {
+        Map { virtual_anchors: &self.virtual_anchors, plan: self.plan.as_ref().map(StoredPlan::plan) }
+    }
+}
+
+impl StoredPlan {
+    fn plan(&self) -> Plan<'_> {
+        let Self { outline_m, walls, segments, turn_std_rad, reflections, most_sources } = self;
+        Plan {
+            outline_m,
+            walls,
+            segments,
+            turn_std_rad: *turn_std_rad,
+            reflections: *reflections,
+            most_sources: *most_sources,
+        }
+    }
 }
 
 /// A frame whose samples lie in the common buffer.
@@ -150,8 +187,15 @@ impl Feed {
         config.radio.gain_control = self.word()? != 0;
         config.controller.first_action = self.count()?;
         config.controller.planned_actions = self.count()?;
-        let mut setup =
-            Setup { config, anchors: Vec::new(), map: Vec::new(), actions: Vec::new(), seed, cycles };
+        let mut setup = Setup {
+            config,
+            anchors: Vec::new(),
+            virtual_anchors: Vec::new(),
+            plan: None,
+            actions: Vec::new(),
+            seed,
+            cycles,
+        };
         for _ in 0..anchors {
             let anchor = Anchor { position_m: [self.float()?, self.float()?], height_m: self.float()? };
             setup.anchors.push(anchor).ok()?;
@@ -162,13 +206,36 @@ impl Feed {
                 position_m: [self.float()?, self.float()?],
                 std_m: self.float()?,
             };
-            setup.map.push(mapped).ok()?;
+            setup.virtual_anchors.push(mapped).ok()?;
+        }
+        if self.word()? != 0 {
+            self.plan(setup.plan.insert(StoredPlan::default()))?;
         }
         for _ in 0..actions {
             let action = Action { carrier_hz: self.float()?, pulse_duration_s: self.float()? };
             setup.actions.push(action).ok()?;
         }
         Some(setup)
+    }
+
+    fn plan(&mut self, plan: &mut StoredPlan) -> Option<()> {
+        let (corners, walls, segments) = (self.count()?, self.count()?, self.count()?);
+        plan.turn_std_rad = self.float()?;
+        plan.reflections = self.count()?;
+        plan.most_sources = self.count()?;
+        for _ in 0..corners {
+            plan.outline_m.push([self.float()?, self.float()?]).ok()?;
+        }
+        for _ in 0..walls {
+            let wall = PlanWall { offset_std_m: self.float()?, rotation_std_rad: self.float()? };
+            plan.walls.push(wall).ok()?;
+        }
+        for _ in 0..segments {
+            let wall = self.count()?;
+            let ends_m = [[self.float()?, self.float()?], [self.float()?, self.float()?]];
+            plan.segments.push(PlanSegment { wall, ends_m }).ok()?;
+        }
+        Some(())
     }
 
     /// Reads the next cycle, its samples into `samples`.

@@ -8,7 +8,7 @@
 #![no_std]
 #![no_main]
 
-use cogmint_board::feed::{Feed, Setup};
+use cogmint_board::feed::Feed;
 use cogmint_board::host::{self, Fault, Line};
 use cogmint_board::meter::{StageMeter, stack};
 use cogmint_board::{FRAMES, Once, SAMPLES};
@@ -18,8 +18,8 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 
-/// Capacity of the reference size: 2 anchors, 24 virtual anchors, 16 paths, 40 actions.
-type BoardTracker = Tracker<2, 24, 16, 40>;
+/// Capacity of the reference size: 2 anchors, 24 surfaces, 24 sources, 64 segments, 16 paths, 40 actions.
+type BoardTracker = Tracker<2, 24, 24, 64, 16, 40>;
 
 static TRACKER: Once<MaybeUninit<BoardTracker>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
 
@@ -30,11 +30,16 @@ fn main() -> ! {
     host::end(replay(tracker, samples))
 }
 
-/// Constructs the tracker where it stays. Apart from the replay, whose stack the temporaries of the construction would take.
+/// Constructs the tracker where it stays; how many cycles follow. Apart from the replay, whose stack the set-up and the
+/// temporaries of the construction would take.
 #[inline(never)]
-fn build<'a>(slot: &'a mut MaybeUninit<BoardTracker>, setup: &Setup) -> Result<&'a mut BoardTracker, Fault> {
-    match Tracker::new(setup.config, &setup.anchors, &setup.map, &setup.actions, setup.seed) {
-        Ok(tracker) => Ok(slot.write(tracker)),
+fn build<'a>(
+    slot: &'a mut MaybeUninit<BoardTracker>,
+    feed: &mut Feed,
+) -> Result<(&'a mut BoardTracker, u32), Fault> {
+    let setup = feed.setup().ok_or(Fault(b"error malformed feed\n"))?;
+    match Tracker::new(setup.config, &setup.anchors, &setup.map(), &setup.actions, setup.seed) {
+        Ok(tracker) => Ok((slot.write(tracker), setup.cycles)),
         Err(_) => Err(Fault(b"error refused set-up\n")),
     }
 }
@@ -42,10 +47,9 @@ fn build<'a>(slot: &'a mut MaybeUninit<BoardTracker>, setup: &Setup) -> Result<&
 /// Replays the whole feed.
 fn replay(slot: &mut MaybeUninit<BoardTracker>, samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
     let mut feed = Feed::open().ok_or(Fault(b"error no feed\n"))?;
-    let setup = feed.setup().ok_or(Fault(b"error malformed feed\n"))?;
-    let tracker = build(slot, &setup)?;
+    let (tracker, cycles) = build(slot, &mut feed)?;
     Line::new().text(b"constructor stack ").decimal(stack::deepest_from_reset()?).end();
-    for cycle in 0..setup.cycles {
+    for cycle in 0..cycles {
         let input = feed.cycle(samples).ok_or(Fault(b"error malformed cycle\n"))?;
         let observations = input.observations(samples);
         let mut stages = StageMeter::default();

@@ -3,6 +3,7 @@
 use crate::input_error::InputError;
 use crate::recording::Recording;
 use crate::replay::{CycleInput, PATHS, SMALL_ANCHORS, Setup, Step, inputs, step};
+use cogmint_core::Plan;
 use cogmint_core::model::observation::{Observation, Samples, TagHeight};
 use cogmint_core::radio::pulse::PulseShape;
 use std::path::Path;
@@ -27,7 +28,7 @@ pub fn trace(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<St
 /// The recording holds scans of more than 16 ranges, which the firmware has no room for.
 pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>, InputError> {
     let mut feed = Feed::default();
-    feed.word(u32::from_le_bytes(*b"COG1"));
+    feed.word(u32::from_le_bytes(*b"COG2"));
     for count in [setup.anchors.len(), setup.map.len(), setup.actions.len(), recording.cycles.len()] {
         feed.count(count);
     }
@@ -75,6 +76,10 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
         feed.count(mapped.anchor);
         [x, y, mapped.std_m].into_iter().for_each(|value| feed.float(value));
     }
+    feed.word(u32::from(setup.plan.is_some()));
+    if let Some(plan) = setup.told().plan {
+        feed.plan(&plan);
+    }
     for action in &setup.actions {
         feed.float(action.carrier_hz);
         feed.float(action.pulse_duration_s);
@@ -110,6 +115,24 @@ impl Feed {
 
     fn float(&mut self, value: f32) {
         self.word(value.to_bits());
+    }
+
+    fn plan(&mut self, plan: &Plan<'_>) {
+        for count in [plan.outline_m.len(), plan.walls.len(), plan.segments.len()] {
+            self.count(count);
+        }
+        self.float(plan.turn_std_rad);
+        self.count(plan.reflections);
+        self.count(plan.most_sources);
+        plan.outline_m.iter().flatten().for_each(|value| self.float(*value));
+        for wall in plan.walls {
+            self.float(wall.offset_std_m);
+            self.float(wall.rotation_std_rad);
+        }
+        for segment in plan.segments {
+            self.count(segment.wall);
+            segment.ends_m.iter().flatten().for_each(|value| self.float(*value));
+        }
     }
 
     fn cycle(&mut self, input: &CycleInput<'_>) {

@@ -90,7 +90,13 @@ impl Problem {
             memory.tell(source, &seen.sinr);
             let [xx, yx, yy] = seen.covariance_m2;
             let covariance_m2 = Matrix2::new(xx, yx, yx, yy);
-            visible.push(Visible { source, position_m: seen.position_m, height_m: 0.0, covariance_m2 });
+            visible.push(Visible {
+                source,
+                position_m: seen.position_m,
+                height_m: 0.0,
+                covariance_m2,
+                availability: 1.0,
+            });
         }
         let [x, y, u, v, xx, yy, uu, vv, elapsed_s, acceleration_density_m2_s3, ..] = OUTLOOK;
         let [.., variance_inflation, range_floor_m, roll_off, threshold] = OUTLOOK;

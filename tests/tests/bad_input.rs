@@ -6,12 +6,17 @@ use cogmint_core::model::observation::{
 };
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{Action, LIBRARY_PUBLISHED};
-use cogmint_core::{Anchor, Config, Error, MappedVirtualAnchor, Setting, Tracker};
+use cogmint_core::{
+    Anchor, Config, Error, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall, Setting, Tracker,
+};
 
-type Small = Tracker<2, 4, 8, 40>;
+type Small = Tracker<2, 4, 4, 4, 8, 40>;
 
 const ANCHORS: [Anchor; 2] =
     [Anchor { position_m: [0.5, 7.0], height_m: 1.0 }, Anchor { position_m: [5.2, 3.2], height_m: 1.0 }];
+/// A wall south of both.
+const WALLS: [PlanWall; 1] = [PlanWall { offset_std_m: 0.1, rotation_std_rad: 0.01 }];
+const SEGMENTS: [PlanSegment; 1] = [PlanSegment { wall: 0, ends_m: [[0.0, 0.0], [8.0, 0.0]] }];
 
 fn config() -> Config {
     let mut config = Config::default();
@@ -23,7 +28,9 @@ fn config() -> Config {
 
 /// A tracker in the middle of its life.
 fn tracker() -> Small {
-    let map = [MappedVirtualAnchor { anchor: 0, position_m: [-0.5, 7.0], std_m: 0.1 }];
+    let virtual_anchors = [MappedVirtualAnchor { anchor: 0, position_m: [-0.5, 7.0], std_m: 0.1 }];
+    let plan = Plan { walls: &WALLS, segments: &SEGMENTS, reflections: 1, most_sources: 1, ..Plan::default() };
+    let map = Map { virtual_anchors: &virtual_anchors, plan: Some(plan) };
     let mut tracker = Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 5).unwrap();
     for step in 0..20 {
         let frame = samples(step as f32);
@@ -327,8 +334,9 @@ fn configurations_out_of_range_are_refused() {
 
 #[test]
 fn anchors_maps_and_libraries_out_of_range_are_refused() {
-    let new = |anchors: &[Anchor], map: &[MappedVirtualAnchor], actions: &[Action]| {
-        Small::new(config(), anchors, map, actions, 1).map(|_| ()).unwrap_err()
+    let new = |anchors: &[Anchor], virtual_anchors: &[MappedVirtualAnchor], actions: &[Action]| {
+        let map = Map { virtual_anchors, plan: None };
+        Small::new(config(), anchors, &map, actions, 1).map(|_| ()).unwrap_err()
     };
     assert_eq!(new(&[], &[], &LIBRARY_PUBLISHED), Error::AnchorCount { given: 0, limit: 2 });
     assert_eq!(new(&[ANCHORS[0]; 3], &[], &LIBRARY_PUBLISHED), Error::AnchorCount { given: 3, limit: 2 });
@@ -349,8 +357,20 @@ fn anchors_maps_and_libraries_out_of_range_are_refused() {
         assert_eq!(new(&ANCHORS, &[image], &LIBRARY_PUBLISHED), Error::Geometry { index: 0 });
     }
     let exact = MappedVirtualAnchor { std_m: 0.0, ..image };
-    assert!(Small::new(config(), &ANCHORS, &[exact], &LIBRARY_PUBLISHED, 1).is_ok());
+    let known = Map { virtual_anchors: &[exact], plan: None };
+    assert!(Small::new(config(), &ANCHORS, &known, &LIBRARY_PUBLISHED, 1).is_ok());
     assert_eq!(new(&ANCHORS, &[], &[]), Error::Configuration(Setting::LibraryEmpty));
+    let planned = |plan| {
+        let map = Map { virtual_anchors: &[], plan: Some(plan) };
+        Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 1).map(|_| ()).unwrap_err()
+    };
+    let plan = Plan { walls: &WALLS, segments: &SEGMENTS, ..Plan::default() };
+    assert_eq!(planned(Plan { segments: &SEGMENTS.repeat(5), ..plan }), Error::PlanSize { given: 5, limit: 4 });
+    assert_eq!(planned(Plan { segments: &[], ..plan }), Error::PlanWall { index: 0 });
+    assert_eq!(planned(Plan { walls: &[], ..plan }), Error::PlanSegment { index: 0 });
+    assert_eq!(planned(Plan { outline_m: &[[0.0; 2]; 2], ..plan }), Error::PlanOutline { index: 2 });
+    assert_eq!(planned(Plan { turn_std_rad: f32::NAN, ..plan }), Error::PlanSettings);
+    assert_eq!(planned(Plan { reflections: 3, ..plan }), Error::PlanSettings);
 }
 
 /// Not a proof, a net: whatever passes the checks must leave a finite state, and whatever does not must leave it

@@ -2,14 +2,15 @@
 
 use cogmint_core::model::motion::{Agent, Motion};
 use cogmint_core::model::observation::{Observation, Range, RangeScan};
+use cogmint_core::model::surface::Surface;
 use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_core::radio::library::Action;
-use cogmint_core::{Anchor, Config, Tracker};
-use nalgebra::{Matrix4, Vector4};
+use cogmint_core::{Anchor, Config, Map, Tracker};
+use nalgebra::{Matrix4, Vector2, Vector4};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-type Small = Tracker<4, 4, 8, 1>;
+type Small = Tracker<4, 4, 4, 1, 8, 1>;
 
 const ANCHORS: [Anchor; 4] = [
     Anchor { position_m: [0.0, 0.0], height_m: 2.5 },
@@ -48,7 +49,7 @@ fn tracker(velocity_decay_s: f32) -> Small {
     config.ranging.max_range_m = 30.0;
     config.motion.position_std_limit_m = 30.0;
     let actions = [Action { carrier_hz: 7e9, pulse_duration_s: 2e-9 }];
-    Small::new(config, &ANCHORS, &[], &actions, 1).unwrap()
+    Small::new(config, &ANCHORS, &Map::default(), &actions, 1).unwrap()
 }
 
 /// The ranges of all anchors at a place of the tag, as high as the anchors.
@@ -250,10 +251,10 @@ fn a_filters_prediction_cut_in_parts_is_the_whole_and_that_of_the_differential_e
             let motion = Motion { position_std_limit_m: 1e4, ..motion(velocity_decay_s) };
             let predicted = |parts: &[f32]| {
                 let mut filter = StateFilter::<1, 2>::new(motion, [0.0, 0.0], 0.2, 0.5, 0.0, 0.1);
-                filter.insert_independent(0, [1.0, 1.0], 0.1);
+                filter.insert_independent(0, Surface::Private, Vector2::new(1.0, 1.0), [0.1; 2]);
                 filter.place(&start);
                 parts.iter().for_each(|part| filter.predict(part * elapsed_s));
-                (filter.agent(), filter.virtual_anchor(0).unwrap().1)
+                (filter.agent(), filter.surface(0).unwrap().2)
             };
             let (whole, mapped) = predicted(&[1.0]);
             let (mean, covariance) = integrated(&motion, &start, elapsed_s.into());

@@ -29,6 +29,9 @@ const SURE: f32 = 2.5;
 const ON_WALL_M: f32 = 0.05;
 /// Guard: against meetings without a place, of legs along a wall: most that the angle multiplies their deviation by.
 const MOST_OBLIQUE: f32 = 4.0;
+/// Guard: against the rounding of where a path meets a wall: a path is past a segment beyond so many deviations, a tenth more
+/// than the most oblique path needs.
+const PAST: f32 = 11.0;
 /// Guard: against division by nothing, of a path along a wall: least way across it, metres.
 const LEAST_ACROSS_M: f32 = 0.01;
 /// Guard: against work for what nobody sees: availability below this is 0.
@@ -67,6 +70,10 @@ pub struct Walls<'a, const SEGMENTS: usize> {
 struct Standing<'a> {
     now: WallNow,
     segments: &'a [Segment],
+    /// Where the first of them begins and the last one ends, metres.
+    extent_m: [f32; 2],
+    /// Distance at which a point without deviation is surely on one side, metres.
+    reach_m: f32,
 }
 
 /// The walls that a direct path crosses.
@@ -122,7 +129,13 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
             let (std_m, through) = (limited(std_m, LEAST_STD_M, MOST_STD_M), limited(through, 0.0, 1.0));
             let now = WallNow { line, std_m, through };
             // As many as in the plan: the pushes succeed.
-            let _ = walls.push(Standing { now, segments: plan.segments_of(wall) });
+            let segments = plan.segments_of(wall);
+            let mut extent_m = [f32::INFINITY, f32::NEG_INFINITY];
+            for Segment { extent_m: [begin_m, end_m], .. } in segments {
+                let [least_m, most_m] = extent_m;
+                extent_m = [smaller(least_m, *begin_m), larger(most_m, *end_m)];
+            }
+            let _ = walls.push(Standing { now, segments, extent_m, reach_m: SURE * std_m });
         }
         Self { walls }
     }
@@ -138,9 +151,10 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
     fn end(&self, at_m: [f32; 2], std_m: f32, is_anchor: bool) -> End {
         let mut sides = [0, 0];
         let mut bit = 1;
-        for Standing { now, .. } in &self.walls {
+        let own_m = SURE * std_m;
+        for Standing { now, reach_m, .. } in &self.walls {
             let away_m = now.line.distance_m(at_m);
-            let reach_m = if is_anchor { -ON_WALL_M } else { SURE * (std_m + now.std_m) };
+            let reach_m = if is_anchor { -ON_WALL_M } else { own_m + reach_m };
             let [before, behind] = &mut sides;
             if away_m >= reach_m {
                 *before |= bit;
@@ -158,7 +172,7 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
     fn leg(&self, from: &End, to: &End, [one, other]: [usize; 2]) -> f32 {
         let ([a, b], [c, d]) = (from.sides, to.sides);
         let opposite = (a & d) | (b & c);
-        let mut left = !((a & c) | (b & d));
+        let mut left = !((a & c) | (b & d) | bit(one) | bit(other));
         let mut beyond = u32::BITS as usize..self.walls.len();
         let mut through = 1.0;
         loop {
@@ -172,7 +186,10 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
             };
             let Some(wall) = self.walls.get(index) else { break };
             if index != one && index != other {
-                through *= wall.through(from, to, opposite & bit(index) != 0);
+                let crossed = wall.crossed(from, to, opposite & bit(index) != 0);
+                if crossed > 0.0 {
+                    through *= 1.0 - crossed * (1.0 - wall.now.through);
+                }
             }
         }
         through
@@ -251,8 +268,11 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
         };
         let image_m = wall.now.line.mirrored_m(self.anchor.at_m);
         let last = last.bounce(image_m, self.tag.at_m, self.tag.std_m);
-        let before = wall.bounce(self.anchor.at_m, last.at_m, last.std_m);
-        smaller(last.same_side, before.same_side)
+        if last.same_side < LEAST {
+            return 0.0;
+        }
+        let (_, _, same_side) = wall.sides(self.anchor.at_m, last.at_m, last.std_m);
+        if same_side < LEAST { 0.0 } else { smaller(last.same_side, same_side) }
     }
 
     /// The walls that the direct path crosses.
@@ -271,15 +291,17 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
 }
 
 impl Standing<'_> {
-    /// Share of a leg that the wall lets through.
-    #[inline(always)] // one caller
-    fn through(&self, from: &End, to: &End, is_opposite: bool) -> f32 {
-        1.0 - self.crossed(from, to, is_opposite) * (1.0 - self.now.through)
-    }
-
     /// Probability that a leg crosses the wall, `is_opposite` where its ends are surely on different sides.
     fn crossed(&self, from: &End, to: &End, is_opposite: bool) -> f32 {
         let WallNow { line, std_m, .. } = &self.now;
+        // Past the same end of all segments, however oblique the leg is.
+        let places_m = [line.place_m(from.at_m), line.place_m(to.at_m)];
+        let ([begin_m, end_m], [least_m, most_m]) = (places_m, self.extent_m);
+        let past_m = PAST * (to.std_m + *std_m);
+        let (low_m, high_m) = (least_m - past_m, most_m + past_m);
+        if (begin_m < low_m && end_m < low_m) || (begin_m > high_m && end_m > high_m) {
+            return 0.0;
+        }
         let (before, behind) = (line.distance_m(from.at_m), line.distance_m(to.at_m));
         let (near_m, beyond_m) = if before < 0.0 { (-before, behind) } else { (before, -behind) };
         let mut sides = 1.0;
@@ -297,13 +319,29 @@ impl Standing<'_> {
                 return 0.0;
             }
         }
-        let (_, _, within) = self.meeting(near_m, beyond_m, from.at_m, to.at_m, to.std_m);
+        let (_, _, within) = self.meeting(near_m, beyond_m, places_m, to.std_m);
         sides * within
     }
 
     /// The reflection by the wall of a path from an image's or anchor's position; where its ends are surely on different sides
     /// it is nowhere.
     fn bounce(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> Bounce {
+        let line = &self.now.line;
+        let (near_m, far_m, same_side) = self.sides(from_m, to_m, to_std_m);
+        if same_side < LEAST {
+            return Bounce { same_side: 0.0, within: 0.0, at_m: to_m, std_m: to_std_m };
+        }
+        let places_m = [line.place_m(from_m), line.place_m(to_m)];
+        let (share, place_m, within) = self.meeting(near_m, far_m, places_m, to_std_m);
+        let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
+        let at_m = [cx + place_m * tx, cy + place_m * ty];
+        Bounce { same_side, within, at_m, std_m: share * to_std_m }
+    }
+
+    /// How far start and end of a path are from the wall, the end on the start's side where positive, metres, and the
+    /// probability that they are on the same side.
+    #[inline(always)]
+    fn sides(&self, from_m: [f32; 2], to_m: [f32; 2], to_std_m: f32) -> (f32, f32, f32) {
         let line = &self.now.line;
         let (before, behind) = (line.distance_m(from_m), line.distance_m(to_m));
         let near_m = abs(before);
@@ -315,28 +353,19 @@ impl Standing<'_> {
         } else {
             behind
         };
-        let same_side = probability(far_m, root(to_std_m, self.now.std_m));
-        if same_side < LEAST {
-            return Bounce { same_side: 0.0, within: 0.0, at_m: to_m, std_m: to_std_m };
-        }
-        let (share, place_m, within) = self.meeting(near_m, far_m, from_m, to_m, to_std_m);
-        let ([cx, cy], [tx, ty]) = (line.centre_m, line.tangent());
-        let at_m = [cx + place_m * tx, cy + place_m * ty];
-        Bounce { same_side, within, at_m, std_m: share * to_std_m }
+        (near_m, far_m, probability(far_m, root(to_std_m, self.now.std_m)))
     }
 
     #[inline(always)]
-    /// Where a path from `near_m` before the wall to `far_m` behind it meets it, one that does not reach it at its nearer
-    /// end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
+    /// Where a path from `near_m` before the wall to `far_m` behind it, whose ends are at these places along it, meets it, one
+    /// that does not reach it at its nearer end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
     fn meeting(
         &self,
         near_m: f32,
         far_m: f32,
-        from_m: [f32; 2],
-        to_m: [f32; 2],
+        [begin_m, end_m]: [f32; 2],
         to_std_m: f32,
     ) -> (f32, f32, f32) {
-        let line = &self.now.line;
         let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
         let share = if far_m >= 0.0 {
             near_m / across_m
@@ -345,11 +374,16 @@ impl Standing<'_> {
         } else {
             1.0
         };
-        let begin_m = line.place_m(from_m);
-        let along_m = line.place_m(to_m) - begin_m;
+        let along_m = end_m - begin_m;
         let place_m = begin_m + share * along_m;
+        let std_m = root(share * to_std_m, self.now.std_m);
+        // Off every segment, however oblique: the probabilities below are 0 and 1.
+        let ([least_m, most_m], wide_m) = (self.extent_m, SURE * MOST_OBLIQUE * std_m);
+        if place_m - least_m <= -wide_m || most_m - place_m <= -wide_m {
+            return (share, place_m, 0.0);
+        }
         let oblique = smaller(root(1.0, abs(along_m) / across_m), MOST_OBLIQUE);
-        let std_m = root(share * to_std_m, self.now.std_m) * oblique;
+        let std_m = std_m * oblique;
         let mut within = 0.0;
         for Segment { extent_m: [begin_m, end_m], .. } in self.segments {
             // The difference of two distribution functions: segments that join leave no gap.

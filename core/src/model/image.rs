@@ -87,22 +87,17 @@ impl Image {
     }
 
     /// The image of an anchor in a surface whose two numbers are `state`.
-    pub fn first(anchor_m: [f32; 2], surface: &Surface, state: &Vector2<f32>) -> Self {
-        let mut image = Self::still(anchor_m);
-        match surface {
-            Surface::Private => {
-                image.position_m = *state;
-                image.slopes = [Matrix2::new(1.0, 0.0, 0.0, 1.0), NOTHING];
-            }
-            Surface::Wall(line) => {
-                let mirror = Mirror::new(line, state);
-                let (position_m, slope, curvature) = mirror.reflect(&image.position_m);
-                image.position_m = position_m;
-                image.slopes = [slope, NOTHING];
-                image.curvatures = [curvature, [NOWHERE; 2]];
-            }
+    pub fn first([x, y]: [f32; 2], surface: &Surface, state: &Vector2<f32>) -> Self {
+        let (position_m, slope, curvature) = match surface {
+            Surface::Private => (*state, Matrix2::new(1.0, 0.0, 0.0, 1.0), [NOWHERE; 2]),
+            Surface::Wall(line) => Mirror::new(line, state).reflect(&Vector2::new(x, y)),
+        };
+        Self {
+            position_m,
+            slopes: [slope, NOTHING],
+            curvatures: [curvature, [NOWHERE; 2]],
+            common: NOTHING,
         }
-        image
     }
 
     /// The image of this image of one surface in a second one; a private surface has none, and leaves it where it is.
@@ -150,13 +145,17 @@ struct Mirror<'a> {
 
 impl<'a> Mirror<'a> {
     fn new(line: &'a Line, state: &Vector2<f32>) -> Self {
-        let moved = line.moved(0.0, state.y);
-        let rate = 1.0 / (1.0 + 0.25 * (state.y * state.y));
+        // As `Line::moved` turns it.
+        let ([nx, ny], [tx, ty]) = (line.normal, line.tangent());
+        let quarter = 0.25 * (state.y * state.y);
+        let rate = 1.0 / (1.0 + quarter);
+        let (cos, sin) = ((1.0 - quarter) * rate, state.y * rate);
+        let [ux, uy] = [cos * nx + sin * tx, cos * ny + sin * ty];
         Self {
             line,
             offset_m: state.x,
-            normal: moved.normal,
-            tangent: moved.tangent(),
+            normal: [ux, uy],
+            tangent: [-uy, ux],
             rate,
             rate_slope: -0.5 * (state.y * (rate * rate)),
         }

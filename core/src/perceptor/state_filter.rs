@@ -142,6 +142,28 @@ fn change<'a>(
     }
 }
 
+/// The same for the first `waiting` changes, of fewer than a full pass, unrolled by hand.
+#[inline(always)]
+fn change_waiting(
+    block: &mut Matrix2<f32>,
+    waiting: usize,
+    w_k: &[Vector2<f32>; CHANGES_PER_PASS],
+    scale: &[f32; CHANGES_PER_PASS],
+    w_l: &[Vector2<f32>; CHANGES_PER_PASS],
+) {
+    let ([a, b, c, _], [s, t, u, _], [e, f, g, _]) = (w_k, scale, w_l);
+    let scaled = |scale: &f32, w: &Vector2<f32>| Vector2::new(scale * w.x, scale * w.y);
+    if waiting > 0 {
+        change_once(block, &scaled(s, a), e);
+    }
+    if waiting > 1 {
+        change_once(block, &scaled(t, b), f);
+    }
+    if waiting > 2 {
+        change_once(block, &scaled(u, c), g);
+    }
+}
+
 /// The same for a full pass, unrolled by hand: the target's image is optimised for size.
 #[inline(always)]
 fn change_all(block: &mut Matrix2<f32>, scaled_k: &[Vector2<f32>], w_l: &[Vector2<f32>]) {
@@ -848,11 +870,11 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
     }
 
-    fn apply<const N: usize>(
+    fn apply(
         &mut self,
         innovation: &Innovation,
         prior: &StateVector<ANCHORS, SURFACES>,
-        pending: &mut Pending<SURFACES, N>,
+        pending: &mut Pending<SURFACES, CHANGES_PER_PASS>,
     ) {
         let regression = &innovation.regression;
         let Some((direction, explained, shift)) = self.direction(regression, prior, pending) else { return };
@@ -870,11 +892,11 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     }
 
     /// w = C h, h' C h, and h'(x - x_prior), for the linear form h of a regression.
-    fn direction<const N: usize>(
+    fn direction(
         &self,
         regression: &Regression,
         prior: &StateVector<ANCHORS, SURFACES>,
-        pending: &Pending<SURFACES, N>,
+        pending: &Pending<SURFACES, CHANGES_PER_PASS>,
     ) -> Option<(StateVector<ANCHORS, SURFACES>, f32, f32)> {
         let c = &self.covariance;
         let [gx, gy] = regression.slope;
@@ -895,14 +917,14 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             }
         }
         let mut shift = gx * (self.mean.agent.x - prior.agent.x) + gy * (self.mean.agent.y - prior.agent.y);
-        for SurfaceSlope { surface, slope: [hx, hy] } in regression.surfaces {
-            let Some(slot) = surface else { continue };
+        for SurfaceSlope { surface, slope: [hx, hy] } in &regression.surfaces {
+            let Some(slot) = *surface else { continue };
             let xs = c.xs.get(slot)?;
             agent.x += hx * xs.m11 + hy * xs.m12;
             agent.y += hx * xs.m21 + hy * xs.m22;
             agent.z += hx * xs.m31 + hy * xs.m32;
             agent.w += hx * xs.m41 + hy * xs.m42;
-            self.add_row(slot, [hx, hy], pending, &mut surfaces)?;
+            self.add_row(slot, [*hx, *hy], pending, &mut surfaces)?;
             let now = self.mean.surfaces.get(slot)?;
             let then = prior.surfaces.get(slot)?;
             shift += hx * (now.x - then.x) + hy * (now.y - then.y);
@@ -916,8 +938,8 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             for ((w, xb), row) in bias_m.iter_mut().zip(&c.xb).zip(&c.bb) {
                 *w = gx * xb.x + gy * xb.y + row.get(anchor)?;
             }
-            for SurfaceSlope { surface, slope: [hx, hy] } in regression.surfaces {
-                let Some(slot) = surface else { continue };
+            for SurfaceSlope { surface, slope: [hx, hy] } in &regression.surfaces {
+                let Some(slot) = *surface else { continue };
                 for (w, bs) in bias_m.iter_mut().zip(c.bs.get(slot)?) {
                     *w += hx * bs.x + hy * bs.y;
                 }
@@ -932,8 +954,8 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             shift += self.mean.bias_m.get(anchor)? - prior.bias_m.get(anchor)?;
         }
         let mut explained = gx * agent.x + gy * agent.y;
-        for SurfaceSlope { surface, slope: [hx, hy] } in regression.surfaces {
-            let Some(slot) = surface else { continue };
+        for SurfaceSlope { surface, slope: [hx, hy] } in &regression.surfaces {
+            let Some(slot) = *surface else { continue };
             let w = surfaces.get(slot)?;
             explained += hx * w.x + hy * w.y;
         }
@@ -945,20 +967,21 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
 
     /// w <- w + C_ss h for a form h of one surface: its row of C_ss with what waits, blocks up to its own, then those of the
     /// later rows.
-    fn add_row<const N: usize>(
+    fn add_row(
         &self,
         slot: usize,
         [hx, hy]: [f32; 2],
-        pending: &Pending<SURFACES, N>,
+        pending: &Pending<SURFACES, CHANGES_PER_PASS>,
         w: &mut [Vector2<f32>; SURFACES],
     ) -> Option<()> {
         let ss = &self.covariance.ss;
         let own = pending.w.get(slot)?;
         let own_scaled = pending.scaled(own);
+        let Pending { waiting, scale, .. } = pending;
         let earlier = w.iter_mut().zip(ss.get(slot)?).zip(&pending.w);
         for (l, ((w, block), other)) in earlier.take(slot + 1).enumerate() {
             let mut block = *block;
-            change(&mut block, own_scaled.iter().take(pending.waiting), other);
+            change_waiting(&mut block, *waiting, &own_scaled, &[1.0; CHANGES_PER_PASS], other);
             if l == slot {
                 block.m12 = block.m21;
             }
@@ -968,7 +991,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let later = w.iter_mut().zip(ss).zip(&pending.w);
         for ((w, row), other) in later.skip(slot + 1) {
             let mut block = *row.get(slot)?;
-            change(&mut block, pending.scaled(other).iter().take(pending.waiting), own);
+            change_waiting(&mut block, *waiting, other, scale, own);
             w.x += hx * block.m11 + hy * block.m12;
             w.y += hx * block.m21 + hy * block.m22;
         }

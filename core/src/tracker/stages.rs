@@ -333,8 +333,8 @@ pub(super) fn revise_map<
 ) -> MapChanges {
     let mut changes = MapChanges::default();
     let removed = environment.revise(|environment, slot| placed(told, environment, filter, slot));
-    for removed in removed {
-        take_out(filter, channel, &removed);
+    for removed in &removed {
+        take_out(filter, channel, removed);
         changes.forgotten += 1;
     }
     if !told.config.discovery {

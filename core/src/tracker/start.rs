@@ -46,7 +46,7 @@ pub(super) fn enter_plan<
     let room = SOURCES.saturating_sub(environment.iter().count()).min(told.most_sources);
     let listed =
         list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, config.ranging.max_range_m, free_surfaces);
-    for Listed { anchor, first, second, is_either_order, .. } in listed.into_iter().take(room) {
+    for &Listed { anchor, first, second, is_either_order, .. } in listed.iter().take(room) {
         let mut surface = |wall: usize| surface_of(filter, environment, plan, wall, config.exact_map);
         let Some(first) = surface(first) else { continue };
         let second = match second {

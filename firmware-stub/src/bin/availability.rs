@@ -52,6 +52,7 @@ fn run() -> Result<(), Fault> {
         segments: &segments,
         turn_std_rad: 0.0,
         reflections: 2,
+        most_sources: SOURCES,
     };
     let plan = FloorPlan::<SEGMENTS>::new(&told).map_err(|_| Fault(b"error refused plan\n"))?;
     let anchors = ANCHORS_M.map(|position_m| Anchor { position_m, height_m: 0.0 });

@@ -1,7 +1,7 @@
-//! The state filter alone on a Cortex-M4F at full size: 24 virtual anchors (52 states), 26 ranges per step. For every
-//! step of a feed, the hash over all bits of the filter and the instructions of predict, regress and update; at the end
-//! its size and the stack it used. `tests/on_target.sh` runs it in QEMU, on the feed that `tests/src/full_filter.rs`
-//! describes.
+//! The state filter alone on a Cortex-M4F at full size, 26 ranges per step: with 24 virtual anchors (52 states), or with 24
+//! images in 8 walls (20 states). For every step of a feed, the hash over all bits of the filter and the instructions of
+//! predict, regress and update; at the end its size and the stack it used. `tests/on_target.sh` runs it in QEMU, on the
+//! feeds that `tests/src/full_filter.rs` describes.
 
 #![no_std]
 #![no_main]
@@ -9,9 +9,11 @@
 use cogmint_board::Once;
 use cogmint_board::host::{self, Fault, File, Line};
 use cogmint_board::meter::{Instructions, MeterError, Scratch, instructions};
+use cogmint_core::model::image::Sequence;
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::range::Regression;
 use cogmint_core::model::source::{Sight, Source};
+use cogmint_core::model::surface::{self, Surface};
 use cogmint_core::perceptor::association::outcome::Innovation;
 use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_core::trace::TraceHash;
@@ -19,21 +21,38 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 use heapless::Vec;
+use nalgebra::Vector2;
 
 const ANCHORS: usize = 2;
 const VAS: usize = 24;
+const WALLS: usize = 8;
 const RANGES: usize = ANCHORS + VAS;
 const MAGIC: [u8; 4] = *b"COGF";
 
-type Filter = StateFilter<ANCHORS, VAS>;
+type Slot<const SURFACES: usize> = Once<MaybeUninit<StateFilter<ANCHORS, SURFACES>>>;
 
-static FILTER: Once<MaybeUninit<Filter>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
+static PUBLISHED: Slot<VAS> = Once(UnsafeCell::new(MaybeUninit::uninit()));
+static PLANNED: Slot<WALLS> = Once(UnsafeCell::new(MaybeUninit::uninit()));
 
 #[entry]
 fn main() -> ! {
+    host::end(start())
+}
+
+/// Runs the form that the feed is of.
+fn start() -> Result<(), Fault> {
+    let mut words = Words(File::open_feed().ok_or(Fault::FEED)?);
+    if words.bytes()? != MAGIC {
+        return Err(Fault::FEED);
+    }
+    let (steps, surfaces) = (words.count()?, words.count()?);
     // SAFETY: see `Once`.
-    let slot = unsafe { &mut *FILTER.0.get() };
-    host::end(run(slot))
+    let (published, planned) = unsafe { (&mut *PUBLISHED.0.get(), &mut *PLANNED.0.get()) };
+    match surfaces {
+        VAS => run(words, steps, published),
+        WALLS => run(words, steps, planned),
+        _ => Err(Fault::FEED),
+    }
 }
 
 /// Words of the feed.
@@ -45,44 +64,60 @@ impl Words {
         self.0.read(&mut bytes).then_some(bytes).ok_or(Fault::FEED)
     }
 
+    fn count(&mut self) -> Result<usize, Fault> {
+        self.bytes().map(|bytes| u32::from_le_bytes(bytes) as usize)
+    }
+
     fn float(&mut self) -> Result<f32, Fault> {
         self.bytes().map(f32::from_le_bytes)
+    }
+
+    fn pair(&mut self) -> Result<[f32; 2], Fault> {
+        Ok([self.float()?, self.float()?])
     }
 }
 
 /// What does not change between steps.
 struct Scene {
     anchors_m: [[f32; 2]; ANCHORS],
+    images: Vec<(usize, Sequence), VAS>,
     variance_m2: f32,
     step_s: f32,
 }
 
-fn run(slot: &mut MaybeUninit<Filter>) -> Result<(), Fault> {
-    let mut words = Words(File::open_feed().ok_or(Fault::FEED)?);
-    if words.bytes()? != MAGIC {
-        return Err(Fault::FEED);
-    }
-    let steps = u32::from_le_bytes(words.bytes()?);
+fn run<const SURFACES: usize>(
+    mut words: Words,
+    steps: usize,
+    slot: &mut MaybeUninit<StateFilter<ANCHORS, SURFACES>>,
+) -> Result<(), Fault> {
     let motion = Motion {
         acceleration_density_m2_s3: words.float()?,
         velocity_decay_s: words.float()?,
         virtual_anchor_walk_m_sqrt_s: words.float()?,
         position_std_limit_m: words.float()?,
     };
-    let start_m = [words.float()?, words.float()?];
+    let start_m = words.pair()?;
     let (position_std_m, velocity_std_m_s) = (words.float()?, words.float()?);
-    let virtual_anchor_std_m = words.float()?;
-    let filter = slot.write(Filter::new(motion, start_m, position_std_m, velocity_std_m_s, 0.0, 0.0));
-    let mut anchors_m = [[0.0; 2]; ANCHORS];
-    for anchor in &mut anchors_m {
-        *anchor = [words.float()?, words.float()?];
-    }
-    for slot in 0..VAS {
-        if !filter.insert_independent(slot, [words.float()?, words.float()?], virtual_anchor_std_m) {
+    let filter = slot.write(StateFilter::new(motion, start_m, position_std_m, velocity_std_m_s, 0.0, 0.0));
+    let anchors_m = [words.pair()?, words.pair()?];
+    for slot in 0..SURFACES {
+        let is_wall = words.count()? != 0;
+        let line = surface::Line { centre_m: words.pair()?, normal: words.pair()? };
+        let [x, y] = words.pair()?;
+        let surface = if is_wall { Surface::Wall(line) } else { Surface::Private };
+        if !filter.insert_independent(slot, surface, Vector2::new(x, y), words.pair()?) {
             return Err(Fault::FEED);
         }
     }
-    let scene = Scene { anchors_m, variance_m2: words.float()?, step_s: words.float()? };
+    let mut images = Vec::new();
+    for _ in 0..VAS {
+        let anchor = words.count()?;
+        let first = words.count()?.checked_sub(1).ok_or(Fault::FEED)? as u8;
+        let second = words.count()?.checked_sub(1).map(|second| second as u8);
+        // As many places as images.
+        let _ = images.push((anchor, Sequence { first, second, is_either_order: false }));
+    }
+    let scene = Scene { anchors_m, images, variance_m2: words.float()?, step_s: words.float()? };
     let mut deepest = 0;
     for number in 0..steps {
         let mut ranges_m = [0.0; RANGES];
@@ -95,21 +130,26 @@ fn run(slot: &mut MaybeUninit<Filter>) -> Result<(), Fault> {
         let mut hash = TraceHash::default();
         filter.visit(|value| hash.float(value));
         let mut line = Line::new();
-        line.text(b"step ").decimal(number).text(b" hash ").hex(hash.value());
+        line.text(b"step ").decimal(number as u32).text(b" hash ").hex(hash.value());
         for instructions in parts {
             line.text(b" ").instructions(instructions);
         }
         line.end();
     }
-    Line::new().text(b"filter ").decimal(size_of::<Filter>() as u32).text(b" stack ").decimal(deepest).end();
+    Line::new()
+        .text(b"filter ")
+        .decimal(size_of::<StateFilter<ANCHORS, SURFACES>>() as u32)
+        .text(b" stack ")
+        .decimal(deepest)
+        .end();
     Ok(())
 }
 
 /// One step; the instructions of predict, regress and update. Its own stack frame, so that all scratch lies below the
 /// painter.
 #[inline(never)]
-fn step(
-    filter: &mut Filter,
+fn step<const SURFACES: usize>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
     scene: &Scene,
     ranges_m: &[f32; RANGES],
 ) -> Result<[Instructions; 3], MeterError> {
@@ -124,15 +164,19 @@ fn step(
 }
 
 /// The regressions of all ranges, physical anchors first.
-fn lines(filter: &Filter, scene: &Scene) -> Vec<Regression, RANGES> {
-    let direct = (0..ANCHORS).map(|anchor| Source::Direct { anchor });
-    let images = (0..VAS).map(|slot| Source::Virtual { anchor: slot % ANCHORS, slot });
+fn lines<const SURFACES: usize>(
+    filter: &StateFilter<ANCHORS, SURFACES>,
+    scene: &Scene,
+) -> Vec<Regression, RANGES> {
+    let direct = (0..ANCHORS).map(|anchor| (Source::Direct { anchor }, None));
+    let images = scene.images.iter().enumerate();
+    let images =
+        images.map(|(slot, (anchor, sequence))| (Source::Virtual { anchor: *anchor, slot }, Some(sequence)));
     let mut lines = Vec::new();
-    for source in direct.chain(images) {
+    for (source, sequence) in direct.chain(images) {
         let Some(anchor_m) = scene.anchors_m.get(source.anchor()) else { continue };
-        if let Some(line) =
-            filter.regress(source, &Sight { anchor_m: *anchor_m, height_m: 0.0, height_std_m: 0.0 })
-        {
+        let sight = Sight { anchor_m: *anchor_m, height_m: 0.0, height_std_m: 0.0 };
+        if let Some(line) = filter.regress(source, &sight, sequence) {
             // As many places as sources.
             let _ = lines.push(line);
         }

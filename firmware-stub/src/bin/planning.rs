@@ -72,7 +72,7 @@ fn run(slot: &mut MaybeUninit<Memory>) -> Result<(), Fault> {
         memory.tell(source, &sinr);
         let covariance_m2 = Matrix2::new(xx, yx, yx, yy);
         // As many places as sources.
-        let _ = visible.push(Visible { source, position_m, height_m: 0.0, covariance_m2 });
+        let _ = visible.push(Visible { source, position_m, height_m: 0.0, covariance_m2, availability: 1.0 });
     }
     for steps in HORIZONS {
         let stack = Scratch::paint()?;

@@ -78,7 +78,7 @@ fn index(stage: Stage) -> Option<usize> {
     }
 }
 
-impl<const VAS: usize, const PATHS: usize> Observer<VAS, PATHS> for StageMeter {
+impl<const SOURCES: usize, const PATHS: usize> Observer<SOURCES, PATHS> for StageMeter {
     fn stage(&mut self, stage: Stage) {
         // The guard cannot show a large stack frame of which nothing is written; the stack pointer can.
         self.is_stack_free &= stack::is_pointer_above_guard();
