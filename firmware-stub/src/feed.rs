@@ -1,7 +1,7 @@
 //! The feed: set-up and cycles of a recording, as the host's `cogmint trace --feed` writes them.
 //!
 //! Little-endian 32-bit words. `COG2`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
-//! 11 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 3
+//! 13 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 3
 //! more words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; whether there is a plan; of
 //! a plan counts of corners, walls and segments, deviation of its turn, reflections, most sources, per corner x, y, per wall
 //! the deviations of its offset and rotation, per segment its wall and both ends; per
@@ -181,6 +181,7 @@ impl Feed {
         config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = self.float()?;
         config.ranging.bias_std_m = self.float()?;
+        config.ranging.floor_pulses = self.float()?;
         config.radio.sample_spacing_s = self.float()?;
         config.radio.pulse_shape = self.pulse_shape()?;
         config.radio.samples_per_frame = self.count()?;

@@ -48,6 +48,7 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
         config.ranging.max_range_m,
         config.ranging.bias_mean_m,
         config.ranging.bias_std_m,
+        config.ranging.floor_pulses,
         config.radio.sample_spacing_s,
     ] {
         feed.float(value);
