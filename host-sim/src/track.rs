@@ -198,7 +198,8 @@ fn walls<const A: usize>(tracker: &SizedTracker<A>, estimates: &[Estimate]) -> V
         let line = wall.line;
         let [x, y] = line.centre_m.map(f64::from);
         let [tx, ty] = line.tangent().map(f64::from);
-        let told = tracker.plan().wall_of(slot).and_then(|wall| tracker.plan().walls().get(wall));
+        let plan_wall = tracker.plan().wall_of(slot);
+        let told = plan_wall.and_then(|wall| tracker.plan().walls().get(wall));
         let mut extent = [f64::INFINITY, f64::NEG_INFINITY];
         let mut cover = |place_m: f64| extent = [extent[0].min(place_m), extent[1].max(place_m)];
         match told {
@@ -231,6 +232,7 @@ fn walls<const A: usize>(tracker: &SizedTracker<A>, estimates: &[Estimate]) -> V
             rotation_std_rad: f64::from(wall.rotation_std_rad),
             existence: f64::from(wall.existence),
             is_told: wall.is_told,
+            plan_wall,
             ends_m: [[x + begin * tx, y + begin * ty], [x + end * tx, y + end * ty]],
         })
     };

@@ -1,9 +1,11 @@
-//! Walls from nothing: rooms with two anchors, no plan told; the walls that grow on the map against those that two anchors'
-//! images or a second reflection show.
+//! Walls: those that grow on the map of rooms with two anchors and no plan told, against those that two anchors' images or a
+//! second reflection show; and how far those of a plan are from where they are, before and after the way.
 
+use crate::floor_plan;
 use crate::input_error::InputError;
+use crate::recording::{PlanWall, Recording};
 use crate::replay::Setup;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Told};
 use crate::score::walls::WallScore;
 use crate::simulator::Simulator;
 use crate::track::track_setup;
@@ -59,4 +61,78 @@ pub fn run(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<Run>, InputErr
         })
     });
     runs.collect()
+}
+
+/// Deviations that the walls of a plan are told with: of the offset, metres, and of the rotation, degrees.
+const TOLD: (f64, f64) = (0.07, 0.5);
+/// A wall is seen where a path by it alone is this strong (power ratio) in so many cycles.
+const SEEN: (f64, usize) = (3.0, 20);
+
+/// The walls of a plan that were seen on a way: how far each is from where it is at its centre, along its normal, metres.
+#[derive(Clone, Debug, Serialize)]
+pub struct ToldRun {
+    /// The room.
+    pub room: &'static str,
+    /// The seed.
+    pub seed: u64,
+    /// As told.
+    pub told_m: Vec<f64>,
+    /// After the way.
+    pub after_m: Vec<f64>,
+    /// Root mean square error of the position, metres.
+    pub rmse_m: Option<f64>,
+}
+
+/// Runs every room with every seed and a plan told with errors of its walls.
+///
+/// # Errors
+/// None: the scenarios are built in.
+pub fn run_told(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<ToldRun>, InputError> {
+    let pairs: Vec<_> = ROOMS.iter().flat_map(|room| seeds.iter().map(move |seed| (room, *seed))).collect();
+    let runs = pairs.par_iter().map(|((name, _), seed)| {
+        let (mut scenario, _) = Scenario::find(name)?;
+        let plan = &mut scenario.prior.floor_plan;
+        (plan.known, plan.exact, plan.told) = (true, false, Told::Walls);
+        (plan.wall_offset_std_m, plan.wall_rotation_std_deg) = (Some(TOLD.0), TOLD.1);
+        let way = seed.wrapping_sub(1) % scenario.trajectories.len() as u64;
+        let truth = floor_plan::told(&scenario, None)?.plan.walls;
+        let simulator = Simulator::new(&scenario, None, way as usize, Some(*seed))?;
+        let recording = simulator.record(simulator.cycles(), || {});
+        let told = recording.plan.as_ref().map_or(&[][..], |plan| &plan.walls);
+        let file = Path::new(name);
+        let track = track_setup(&Setup::new(&recording, file, Some(*seed))?, &recording, file, || {})?;
+        on_run();
+        let (mut told_m, mut after_m) = (Vec::new(), Vec::new());
+        for wall in seen(&recording, told.len()) {
+            let found = track.walls.iter().find(|found| found.plan_wall == Some(wall));
+            let Some(found) = found else { continue };
+            told_m.push(away_m(&truth[wall], told[wall].centre_m(), told[wall].normal()));
+            after_m.push(away_m(&truth[wall], found.centre_m, found.normal));
+        }
+        Ok(ToldRun { room: name, seed: *seed, told_m, after_m, rmse_m: track.score.rmse_m })
+    });
+    runs.collect()
+}
+
+/// How far a line is from a wall at the wall's centre, metres.
+fn away_m(wall: &PlanWall, on_line_m: [f64; 2], [nx, ny]: [f64; 2]) -> f64 {
+    let [x, y] = wall.centre_m();
+    (nx * (x - on_line_m[0]) + ny * (y - on_line_m[1])).abs()
+}
+
+/// The walls of a plan by which single reflections were seen.
+fn seen(recording: &Recording, walls: usize) -> Vec<usize> {
+    let mut strong = vec![0; walls];
+    for path in recording.cycles.iter().flat_map(|cycle| &cycle.truth_paths) {
+        let Some(source) = path.virtual_anchor.map(|index| &recording.virtual_anchors[index]) else {
+            continue;
+        };
+        let sequence: Vec<usize> = source.walls.iter().collect();
+        if let [wall] = sequence[..]
+            && path.sinr > SEEN.0
+        {
+            strong[wall] += 1;
+        }
+    }
+    (0..walls).filter(|&wall| strong[wall] >= SEEN.1).collect()
 }

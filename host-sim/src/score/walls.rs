@@ -30,6 +30,8 @@ pub struct FoundWall {
     pub existence: f64,
     /// Whether a plan told of it.
     pub is_told: bool,
+    /// Its index in the plan.
+    pub plan_wall: Option<usize>,
     /// Its end points for figures, metres: as told, or from the first to the last reflection on it that was seen.
     pub ends_m: [[f64; 2]; 2],
 }
@@ -165,6 +167,7 @@ mod tests {
             rotation_std_rad: 0.0,
             existence: 1.0,
             is_told: false,
+            plan_wall: None,
             ends_m: [centre_m; 2],
         }
     }

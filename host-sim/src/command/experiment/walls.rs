@@ -1,9 +1,9 @@
-//! `cogmint experiment walls`: the walls that grow on a map without a plan.
+//! `cogmint experiment walls`: the walls that grow on a map without a plan, and what becomes of those that a plan tells.
 
 use super::super::{metres, progress_of};
 use super::{percent, print, print_json};
 use crate::Failure;
-use cogmint::experiment::walls::{Run, run as run_all};
+use cogmint::experiment::walls::{Run, ToldRun, run as run_all, run_told};
 
 #[derive(clap::Args)]
 pub struct Options {
@@ -21,15 +21,17 @@ pub struct Options {
 #[derive(serde::Serialize)]
 struct Answer {
     runs: Vec<Run>,
+    told: Vec<ToldRun>,
 }
 
 pub fn run(options: &Options) -> Result<(), Failure> {
     let seeds: Vec<u64> = (0..u64::from(options.runs)).map(|run| options.seed.wrapping_add(run)).collect();
-    let bar = progress_of(2 * seeds.len(), "tracking", "runs");
+    let bar = progress_of(4 * seeds.len(), "tracking", "runs");
     let runs = run_all(&seeds, || bar.inc(1))?;
+    let told = run_told(&seeds, || bar.inc(1))?;
     bar.finish_and_clear();
     if options.json {
-        return print_json(&Answer { runs });
+        return print_json(&Answer { runs, told });
     }
     print("room              seed  shown  found  grown  false  images  mapped   RMSE m");
     for Run { room, seed, score, rmse_m, .. } in &runs {
@@ -52,5 +54,21 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         sum(|run| run.score.grown),
         share(sum(|run| run.score.false_ones), sum(|run| run.score.grown)),
     ));
+    print(
+        "\nPlan told within 0.07 m and 0.5 degrees: how far the walls that were seen are off at their centre, mean",
+    );
+    print("room              walls    told m   after m");
+    for room in ["seminar-room", "l-shaped-office"] {
+        let of: Vec<_> = told.iter().filter(|run| run.room == room).collect();
+        let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len() as f64;
+        let told_m: Vec<f64> = of.iter().flat_map(|run| run.told_m.clone()).collect();
+        let after_m: Vec<f64> = of.iter().flat_map(|run| run.after_m.clone()).collect();
+        print(&format!(
+            "{room:<16} {:>6} {:>9.4} {:>9.4}",
+            told_m.len(),
+            mean(told_m.clone()),
+            mean(after_m)
+        ));
+    }
     Ok(())
 }
