@@ -270,7 +270,9 @@ impl<
             hash.word(scan.measurements.len() as u32);
             for measurement in &scan.measurements {
                 let Measurement { range_m, variance_m2, tail_m2, sinr, energy, false_alarm } = *measurement;
-                [range_m, variance_m2, tail_m2, sinr, energy, false_alarm].into_iter().for_each(|v| hash.float(v));
+                [range_m, variance_m2, tail_m2, sinr, energy, false_alarm]
+                    .into_iter()
+                    .for_each(|v| hash.float(v));
             }
         }
     }
