@@ -207,7 +207,7 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
     for first in faces.iter().filter(is_own) {
         for second in faces.iter().filter(is_own).filter(|second| second.slot != first.slot) {
             let is_either_order = is_right_angle(first, second);
-            if is_either_order && first.slot > second.slot {
+            if (is_either_order && first.slot > second.slot) || !is_farther(own_image, [first, second]) {
                 continue;
             }
             let sequence =
@@ -352,6 +352,21 @@ fn elsewhere_density(own: &Own, wall: usize, line: Line) -> Option<(f32, Explana
     let form = state.x * state.x / offset_m2 + rotation * rotation / rotation_2;
     let density = exp(-0.5 * form) / (TAU * sqrt(offset_m2 * rotation_2) * abs(determinant));
     Some((density, Explanation::Moved { wall, line, state, slopes }))
+}
+
+/// Whether an image is farther from its anchor than those in each of two walls: else it is one of these two that two
+/// reflections explain, by the image and the other one.
+fn is_farther(own: &Own, faces: [&Face; 2]) -> bool {
+    let distance_m = |image_m: &Vector2<f32>| {
+        let [x, y] = own.anchor_m;
+        let (dx, dy) = (image_m.x - x, image_m.y - y);
+        sqrt(dx * dx + dy * dy)
+    };
+    let own_m = distance_m(&own.position_m);
+    faces.into_iter().all(|face| {
+        let single = Image::first(own.anchor_m, &Surface::Wall(face.line), &face.state);
+        distance_m(&single.position_m) < own_m
+    })
 }
 
 /// Whether two walls may be at right angles.

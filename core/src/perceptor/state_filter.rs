@@ -1150,3 +1150,162 @@ fn scale<'a, R: nalgebra::Dim, S: nalgebra::RawStorageMut<f32, R>>(
         *entry *= row * factor;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+    use std::vec::Vec;
+
+    const ANCHORS: usize = 2;
+    const SURFACES: usize = 4;
+    const BEFORE: usize = 4 + ANCHORS;
+    const SIZE: usize = BEFORE + 2 * SURFACES;
+    /// The free slot.
+    const FREE: usize = 1;
+    type Filter = StateFilter<ANCHORS, SURFACES>;
+
+    /// The joint covariance as one matrix.
+    fn dense(filter: &Filter) -> DMatrix<f64> {
+        let c = &filter.covariance;
+        DMatrix::from_fn(SIZE, SIZE, |row, column| {
+            let (row, column) = (row.max(column), row.min(column));
+            f64::from(if row < 4 {
+                c.xx[(row, column)]
+            } else if row < BEFORE {
+                if column < 4 { c.xb[row - 4][column] } else { c.bb[row - 4][column - 4] }
+            } else {
+                let (k, axis) = ((row - BEFORE) / 2, (row - BEFORE) % 2);
+                if column < 4 {
+                    c.xs[k][(column, axis)]
+                } else if column < BEFORE {
+                    c.bs[k][column - 4][axis]
+                } else {
+                    c.ss[k][(column - BEFORE) / 2][(axis, (column - BEFORE) % 2)]
+                }
+            })
+        })
+    }
+
+    fn mean(filter: &Filter) -> DVector<f64> {
+        let m = &filter.mean;
+        let surfaces = m.surfaces.iter().flat_map(|state| [state.x, state.y]);
+        let all: Vec<f32> = m.agent.iter().copied().chain(m.bias_m).chain(surfaces).collect();
+        DVector::from_iterator(SIZE, all.into_iter().map(f64::from))
+    }
+
+    /// A filter in which everything depends on everything but the free slot.
+    fn filter() -> Filter {
+        let motion = crate::config::Config::default().motion;
+        let mut filter = Filter::new(motion, [1.0, 2.0], 0.3, 0.2, 0.05, 0.1);
+        for slot in (0..SURFACES).filter(|slot| *slot != FREE) {
+            let state = Vector2::new(slot as f32 + 3.0, 4.0 - slot as f32);
+            assert!(filter.insert_independent(slot, Surface::Private, state, [0.4, 0.3]));
+        }
+        let mut seed = 1_u32;
+        let mut draw = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 8) as f32 / 8_388_608.0 - 1.0
+        };
+        let is_free = |n: usize| n >= BEFORE && (n - BEFORE) / 2 == FREE;
+        let noise = DMatrix::from_fn(SIZE, SIZE, |row, _| if is_free(row) { 0.0 } else { draw() });
+        let whole = 0.01 * &noise * noise.transpose();
+        let c = &mut filter.covariance;
+        let at = |row: usize, column: usize| whole[(row, column)];
+        c.xx = Matrix4::from_fn(at);
+        c.xb = core::array::from_fn(|j| Vector4::from_fn(|row, _| at(row, 4 + j)));
+        c.bb = core::array::from_fn(|j| core::array::from_fn(|i| at(4 + j, 4 + i)));
+        c.xs = core::array::from_fn(|k| Matrix4x2::from_fn(|row, axis| at(row, BEFORE + 2 * k + axis)));
+        c.bs = core::array::from_fn(|k| {
+            core::array::from_fn(|j| Vector2::from_fn(|axis, _| at(BEFORE + 2 * k + axis, 4 + j)))
+        });
+        c.ss = core::array::from_fn(|k| {
+            core::array::from_fn(|l| {
+                let block = |row: usize, column: usize| at(BEFORE + 2 * k + row, BEFORE + 2 * l + column);
+                if l <= k { Matrix2::from_fn(block) } else { Matrix2::zeros() }
+            })
+        });
+        filter
+    }
+
+    const FORM: [(usize, Matrix2<f32>); 3] = [
+        (3, Matrix2::new(1.0, 0.0, 0.0, 1.0)),
+        (0, Matrix2::new(-0.3, 0.8, 0.5, 0.2)),
+        (2, Matrix2::new(0.1, -0.6, -0.7, -0.4)),
+    ];
+
+    /// The form as rows over the whole state.
+    fn rows() -> DMatrix<f64> {
+        let mut rows = DMatrix::zeros(2, SIZE);
+        for (slot, d) in FORM {
+            let own = DMatrix::from_fn(2, 2, |row, column| f64::from(d[(row, column)]));
+            rows.view_mut((0, BEFORE + 2 * slot), (2, 2)).copy_from(&own);
+        }
+        rows
+    }
+
+    fn assert_near(ours: &DMatrix<f64>, exact: &DMatrix<f64>, what: &str) {
+        let worst = (ours - exact).abs().max();
+        assert!(worst < 3e-6 * exact.abs().max().max(1.0), "{what}: {worst}");
+    }
+
+    #[test]
+    fn a_constraint_is_the_kalman_update_of_the_textbook() {
+        let mut filter = filter();
+        let (h, c, x) = (rows(), dense(&filter), mean(&filter));
+        let own = filter.form_covariance(&FORM).unwrap();
+        let exact = &h * &c * h.transpose();
+        for (row, column) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            assert!((f64::from(own[(row, column)]) - exact[(row, column)]).abs() < 1e-6);
+        }
+        let (gap, variance) = ([0.2, -0.1], 0.01);
+        filter.constrain(&FORM, gap, variance);
+        let s = exact + f64::from(variance) * DMatrix::identity(2, 2);
+        let gain = &c * h.transpose() * s.clone().try_inverse().unwrap();
+        let moved = &x + &gain * DVector::from_vec(gap.map(f64::from).into());
+        let left = &c - &gain * s * gain.transpose();
+        let column = |vector: &DVector<f64>| DMatrix::from_column_slice(SIZE, 1, vector.as_slice());
+        assert_near(&column(&mean(&filter)), &column(&moved), "mean");
+        assert_near(&dense(&filter), &left, "covariance");
+    }
+
+    #[test]
+    fn a_change_of_variables_multiplies_rows_and_columns() {
+        for slot in [0, 2, 3] {
+            let mut filter = filter();
+            let c = dense(&filter);
+            let slopes = Matrix2::new(0.4, -0.3, 0.2, 0.7);
+            let line = crate::model::surface::Line { centre_m: [1.0, 2.0], normal: [0.6, 0.8] };
+            let state = Vector2::new(0.1, -0.2);
+            assert!(filter.rebase(slot, Surface::Wall(line), state, &slopes));
+            let mut t = DMatrix::identity(SIZE, SIZE);
+            let own = DMatrix::from_fn(2, 2, |row, column| f64::from(slopes[(row, column)]));
+            t.view_mut((BEFORE + 2 * slot, BEFORE + 2 * slot), (2, 2)).copy_from(&own);
+            assert_near(&dense(&filter), &(&t * c * t.transpose()), "covariance");
+            assert_eq!(
+                filter.surface(slot).map(|(surface, now, _)| (surface, now)),
+                Some((Surface::Wall(line), state))
+            );
+        }
+        assert!(!filter().rebase(FREE, Surface::Private, Vector2::zeros(), &Matrix2::identity()));
+    }
+
+    #[test]
+    fn a_surface_that_moves_to_another_slot_keeps_its_correlations() {
+        for (from, to) in [(0, 3), (3, 0), (2, FREE), (0, FREE)] {
+            let mut filter = filter();
+            let (c, x) = (dense(&filter), mean(&filter));
+            assert!(filter.relocate(from, to));
+            let mut t = DMatrix::<f64>::identity(SIZE, SIZE);
+            for axis in 0..2 {
+                let (from, to) = (BEFORE + 2 * from + axis, BEFORE + 2 * to + axis);
+                t[(to, to)] = 0.0;
+                t[(to, from)] = 1.0;
+                t[(from, from)] = 0.0;
+            }
+            assert_eq!(dense(&filter), &t * c * t.transpose(), "{from} to {to}");
+            assert_eq!(mean(&filter), t * x, "{from} to {to}");
+            assert!(filter.surface(from).is_none() && filter.surface(to).is_some());
+        }
+    }
+}

@@ -28,6 +28,8 @@ pub struct Run {
     pub score: WallScore,
     /// Root mean square error of the position, metres.
     pub rmse_m: Option<f64>,
+    /// Images by one reflection that were seen and are not in the map, by anchor and position in metres.
+    pub missed: Vec<(usize, [f64; 2])>,
     /// The walls.
     pub walls: Vec<crate::score::walls::FoundWall>,
     /// The virtual anchors.
@@ -43,6 +45,15 @@ pub fn run(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<Run>, InputErr
     let runs = pairs.par_iter().map(|((name, anchors), seed)| {
         let (mut scenario, _) = Scenario::find(name)?;
         let mut index = 0..;
+        let pair: Option<Vec<usize>> = std::env::var("COG_PAIR")
+            .ok()
+            .filter(|_| *name != "seminar-room")
+            .map(|text| text.split(',').map(|n| n.parse().unwrap_or(0)).collect());
+        let anchors: &[usize] = pair.as_deref().unwrap_or(anchors);
+        if std::env::var("COG_BARE").is_ok() {
+            scenario.people.clear();
+            scenario.room.inner_walls.clear();
+        }
         scenario.anchors.retain(|_| index.next().is_some_and(|index| anchors.contains(&index)));
         scenario.prior.floor_plan.known = false;
         let way = seed.wrapping_sub(1) % scenario.trajectories.len() as u64;
@@ -51,11 +62,13 @@ pub fn run(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<Run>, InputErr
         let file = Path::new(name);
         let track = track_setup(&Setup::new(&recording, file, Some(*seed))?, &recording, file, || {})?;
         on_run();
+        let images: Vec<_> = track.virtual_anchors.iter().map(|va| (va.anchor, va.position_m)).collect();
         Ok(Run {
             room: name,
             seed: *seed,
             score: track.wall_score,
             rmse_m: track.score.rmse_m,
+            missed: WallScore::missed(&recording, &images),
             walls: track.walls,
             virtual_anchors: track.virtual_anchors,
         })

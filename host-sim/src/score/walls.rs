@@ -61,6 +61,13 @@ struct TrueWall {
 }
 
 impl WallScore {
+    /// The images by one reflection in walls shown that were seen and that the map has not within 0.3 m.
+    pub fn missed(recording: &Recording, images: &[(usize, [f64; 2])]) -> Vec<(usize, [f64; 2])> {
+        let truth = true_walls(recording);
+        let singles = truth.iter().filter(|wall| wall.is_shown).flat_map(|wall| wall.singles.clone());
+        singles.filter(|single| !is_mapped(single, images)).collect()
+    }
+
     /// Scores walls; `images` are those in the map, by anchor and position in metres.
     pub fn new(recording: &Recording, walls: &[FoundWall], images: &[(usize, [f64; 2])]) -> Self {
         let truth = true_walls(recording);
@@ -69,17 +76,18 @@ impl WallScore {
         let found = shown.iter().filter(|wall| grown.iter().any(|found| is_found(wall, found))).count();
         let is_false = |found: &&&FoundWall| !truth.iter().any(|wall| is_found(wall, found));
         let singles: Vec<_> = shown.iter().flat_map(|wall| &wall.singles).collect();
-        let is_mapped = |(anchor, m): &&&(usize, [f64; 2])| {
-            images.iter().any(|(of, image)| of == anchor && distance_m(*m, *image) < 0.3)
-        };
         Self {
             shown: shown.len(),
             found,
             grown: grown.len(),
             false_ones: grown.iter().filter(is_false).count(),
-            images: [singles.len(), singles.iter().filter(is_mapped).count()],
+            images: [singles.len(), singles.iter().filter(|single| is_mapped(single, images)).count()],
         }
     }
+}
+
+fn is_mapped((anchor, m): &(usize, [f64; 2]), images: &[(usize, [f64; 2])]) -> bool {
+    images.iter().any(|(of, image)| of == anchor && distance_m(*m, *image) < 0.3)
 }
 
 fn is_found(wall: &TrueWall, found: &FoundWall) -> bool {
