@@ -499,7 +499,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mut agent = Vector4::new(0.0, 0.0, 0.0, 0.0);
         let mut bias_m = [0.0; ANCHORS];
         let mut surfaces = [Vector2::new(0.0, 0.0); SURFACES];
-        let nothing = Pending::<SURFACES, 1>::new();
+        let nothing = Pending::<SURFACES, CHANGES_PER_PASS>::new();
         for (slot, d) in parts {
             let [hx, hy] = row(d);
             let xs = c.xs.get(*slot)?;
