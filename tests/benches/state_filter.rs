@@ -8,9 +8,7 @@ use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_peer_filters::nalgebra::{DMatrix, DVector};
 use cogmint_peer_filters::textbook::Textbook;
 use cogmint_peer_filters::{Filter, RANGES, STATES, Scene, kfilter_crate, minikalman_crate};
-use cogmint_tests::full_filter::{
-    ANCHORS, ANCHORS_M, MOTION, PRIOR_STD, Problem, RANGE_STD_M, STEP_S, VAS,
-};
+use cogmint_tests::full_filter::{ANCHORS, ANCHORS_M, MOTION, PRIOR_STD, Problem, RANGE_STD_M, STEP_S, VAS};
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::process::ExitCode;

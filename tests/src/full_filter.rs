@@ -104,7 +104,11 @@ fn way(t: f64) -> [f64; 2] {
 }
 
 /// The mirror image of a point in a wall that is shifted and turned.
-fn mirrored(point: [f64; 2], ([cx, cy], [nx, ny]): ([f64; 2], [f64; 2]), [offset, turn]: [f64; 2]) -> [f64; 2] {
+fn mirrored(
+    point: [f64; 2],
+    ([cx, cy], [nx, ny]): ([f64; 2], [f64; 2]),
+    [offset, turn]: [f64; 2],
+) -> [f64; 2] {
     let theta = 2.0 * (0.5 * turn).atan();
     let [ux, uy] = [nx * theta.cos() - ny * theta.sin(), ny * theta.cos() + nx * theta.sin()];
     let away = ux * (point[0] - cx) + uy * (point[1] - cy) - offset;
@@ -139,9 +143,11 @@ impl Problem {
             normal: [u as f32, v as f32],
         };
         let told = |wall| Told { surface: Surface::Wall(line(wall)), state: [0.0; 2], std: WALL_STD };
-        let sequences = (0..WALLS as u8)
-            .map(Sequence::of)
-            .chain(PAIRS.map(|[first, second]| Sequence { first, second: Some(second), is_either_order: false }));
+        let sequences = (0..WALLS as u8).map(Sequence::of).chain(PAIRS.map(|[first, second]| Sequence {
+            first,
+            second: Some(second),
+            is_either_order: false,
+        }));
         let images: Vec<(usize, Sequence)> =
             sequences.flat_map(|sequence| (0..ANCHORS).map(move |anchor| (anchor, sequence))).collect();
         let place = |(anchor, sequence): &(usize, Sequence)| {
@@ -225,7 +231,10 @@ impl Problem {
         let [position, velocity, _] = PRIOR_STD;
         let mut filter = StateFilter::new(MOTION, self.start_m, position, velocity, 0.0, 0.0);
         for (slot, Told { surface, state: [x, y], std }) in self.surfaces.iter().enumerate() {
-            assert!(filter.insert_independent(slot, *surface, Vector2::new(*x, *y), *std), "slot {slot} is free");
+            assert!(
+                filter.insert_independent(slot, *surface, Vector2::new(*x, *y), *std),
+                "slot {slot} is free"
+            );
         }
         filter
     }
@@ -240,9 +249,8 @@ impl Problem {
         let mut lines = [None; RANGES];
         let direct = (0..ANCHORS).map(|anchor| (Source::Direct { anchor }, None));
         let images = self.images.iter().enumerate();
-        let images = images.map(|(slot, (anchor, sequence))| {
-            (Source::Virtual { anchor: *anchor, slot }, Some(sequence))
-        });
+        let images = images
+            .map(|(slot, (anchor, sequence))| (Source::Virtual { anchor: *anchor, slot }, Some(sequence)));
         for (line, (source, sequence)) in lines.iter_mut().zip(direct.chain(images)) {
             let anchor_m = ANCHORS_M[source.anchor()];
             *line = filter.regress(source, &Sight { anchor_m, height_m: 0.0, height_std_m: 0.0 }, sequence);

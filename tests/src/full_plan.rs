@@ -112,6 +112,7 @@ impl Problem {
             },
             variance_inflation,
             range_floor_m,
+            range_floor_pulses: 0.0,
             radio: Radio {
                 pulse_shape: PulseShape::RootRaisedCosine { roll_off },
                 ..Config::default().radio

@@ -29,7 +29,8 @@ fn config() -> Config {
 /// A tracker in the middle of its life.
 fn tracker() -> Small {
     let virtual_anchors = [MappedVirtualAnchor { anchor: 0, position_m: [-0.5, 7.0], std_m: 0.1 }];
-    let plan = Plan { walls: &WALLS, segments: &SEGMENTS, reflections: 1, most_sources: 1, ..Plan::default() };
+    let plan =
+        Plan { walls: &WALLS, segments: &SEGMENTS, reflections: 1, most_sources: 1, ..Plan::default() };
     let map = Map { virtual_anchors: &virtual_anchors, plan: Some(plan) };
     let mut tracker = Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 5).unwrap();
     for step in 0..20 {
@@ -365,7 +366,10 @@ fn anchors_maps_and_libraries_out_of_range_are_refused() {
         Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 1).map(|_| ()).unwrap_err()
     };
     let plan = Plan { walls: &WALLS, segments: &SEGMENTS, ..Plan::default() };
-    assert_eq!(planned(Plan { segments: &SEGMENTS.repeat(5), ..plan }), Error::PlanSize { given: 5, limit: 4 });
+    assert_eq!(
+        planned(Plan { segments: &SEGMENTS.repeat(5), ..plan }),
+        Error::PlanSize { given: 5, limit: 4 }
+    );
     assert_eq!(planned(Plan { segments: &[], ..plan }), Error::PlanWall { index: 0 });
     assert_eq!(planned(Plan { walls: &[], ..plan }), Error::PlanSegment { index: 0 });
     assert_eq!(planned(Plan { outline_m: &[[0.0; 2]; 2], ..plan }), Error::PlanOutline { index: 2 });

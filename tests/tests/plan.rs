@@ -259,9 +259,14 @@ fn constants_for_firmware_are_those_of_the_plan_and_the_core_takes_them() {
     let told = cogmint::told_plan::ToldPlan::new(export.plan.as_ref().unwrap());
     assert_eq!(plan, Some(told.plan()));
     let actions = [cogmint_core::radio::library::Action { carrier_hz: 6.4896e9, pulse_duration_s: 2e-9 }];
-    let tracker =
-        Tracker::<4, 24, 24, 64, 16, 1>::new(Config::default(), &firmware::ANCHORS, &firmware::MAP, &actions, 1)
-            .unwrap_or_else(|error| panic!("{error}"));
+    let tracker = Tracker::<4, 24, 24, 64, 16, 1>::new(
+        Config::default(),
+        &firmware::ANCHORS,
+        &firmware::MAP,
+        &actions,
+        1,
+    )
+    .unwrap_or_else(|error| panic!("{error}"));
     // The core lists what `cogmint plan` prints.
     let listed: Vec<_> = tracker.environment().iter().map(|(_, record)| record.anchor).collect();
     assert_eq!(listed, export.sources.iter().map(|source| source.anchor).collect::<Vec<_>>());

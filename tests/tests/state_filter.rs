@@ -226,7 +226,11 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
                 let weight = 0.5 + 0.5 * noise.uniform() as f32;
                 let update = |filter: &StateFilter<2, 4>, source, anchor_m| {
                     let regression = filter
-                        .regress(source, &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 }, sequence(source).as_ref())
+                        .regress(
+                            source,
+                            &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 },
+                            sequence(source).as_ref(),
+                        )
                         .unwrap();
                     let nu = range_m - regression.range_m;
                     let variance_m2 = (deviation * deviation) as f32;

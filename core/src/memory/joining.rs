@@ -282,11 +282,7 @@ impl Best {
 }
 
 /// The image that faces make of an anchor, less the one that there is: slopes over the filter's numbers, and the gap.
-fn gap(
-    own: &Own,
-    first: &Face,
-    second: Option<&Face>,
-) -> (Vec<(usize, Matrix2<f32>), 3>, [f32; 2]) {
+fn gap(own: &Own, first: &Face, second: Option<&Face>) -> (Vec<(usize, Matrix2<f32>), 3>, [f32; 2]) {
     let mut image = Image::first(own.anchor_m, &Surface::Wall(first.line), &first.state);
     if let Some(second) = second {
         image = image.second(&Surface::Wall(second.line), &second.state);

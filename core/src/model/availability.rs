@@ -359,13 +359,7 @@ impl Standing<'_> {
     #[inline(always)]
     /// Where a path from `near_m` before the wall to `far_m` behind it, whose ends are at these places along it, meets it, one
     /// that does not reach it at its nearer end: the share of its way, the place along the wall, metres, and the probability that this is on a segment.
-    fn meeting(
-        &self,
-        near_m: f32,
-        far_m: f32,
-        [begin_m, end_m]: [f32; 2],
-        to_std_m: f32,
-    ) -> (f32, f32, f32) {
+    fn meeting(&self, near_m: f32, far_m: f32, [begin_m, end_m]: [f32; 2], to_std_m: f32) -> (f32, f32, f32) {
         let across_m = larger(near_m + abs(far_m), LEAST_ACROSS_M);
         let share = if far_m >= 0.0 {
             near_m / across_m

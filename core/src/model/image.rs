@@ -92,12 +92,7 @@ impl Image {
             Surface::Private => (*state, Matrix2::new(1.0, 0.0, 0.0, 1.0), [NOWHERE; 2]),
             Surface::Wall(line) => Mirror::new(line, state).reflect(&Vector2::new(x, y)),
         };
-        Self {
-            position_m,
-            slopes: [slope, NOTHING],
-            curvatures: [curvature, [NOWHERE; 2]],
-            common: NOTHING,
-        }
+        Self { position_m, slopes: [slope, NOTHING], curvatures: [curvature, [NOWHERE; 2]], common: NOTHING }
     }
 
     /// The image of this image of one surface in a second one; a private surface has none, and leaves it where it is.

@@ -105,6 +105,7 @@ fn outlook(feed: &mut File) -> Result<PlanningState, Fault> {
         },
         variance_inflation,
         range_floor_m,
+        range_floor_pulses: 0.0,
         radio: Radio { pulse_shape: PulseShape::RootRaisedCosine { roll_off }, ..Config::default().radio },
         threshold,
     })

@@ -169,7 +169,11 @@ impl Export {
                 wall.offset_std_m as f32, wall.rotation_std_rad as f32
             );
         }
-        let segments = plan.walls.iter().enumerate().flat_map(|(n, wall)| wall.segments_m.iter().map(move |ends| (n, ends)));
+        let segments = plan
+            .walls
+            .iter()
+            .enumerate()
+            .flat_map(|(n, wall)| wall.segments_m.iter().map(move |ends| (n, ends)));
         let _ = write!(
             text,
             "];\n\n/// What they consist of.\npub const SEGMENTS: [PlanSegment; {}] = [\n",

@@ -81,10 +81,42 @@ pub fn std_m(walls: &[PlanWall], sequence: WallSequence, anchor_m: [f64; 2]) -> 
     (0.5 * (xx + yy)).sqrt().max(LEAST_STD_M)
 }
 
+/// What one wall makes of a point.
+struct Mirror {
+    normal: [f64; 2],
+    image_m: [f64; 2],
+    by_offset: [f64; 2],
+    by_rotation: [f64; 2],
+}
+
+impl Mirror {
+    fn of(wall: &PlanWall, point_m: [f64; 2]) -> Self {
+        let normal @ [ux, uy] = wall.normal();
+        let [tx, ty] = [-uy, ux];
+        let centre_m = wall.centre_m();
+        let [dx, dy] = [point_m[0] - centre_m[0], point_m[1] - centre_m[1]];
+        let (across_m, along_m) = (ux * dx + uy * dy, tx * dx + ty * dy);
+        Self {
+            normal,
+            image_m: [point_m[0] - 2.0 * across_m * ux, point_m[1] - 2.0 * across_m * uy],
+            by_offset: [2.0 * ux, 2.0 * uy],
+            by_rotation: [-2.0 * (along_m * ux + across_m * tx), -2.0 * (along_m * uy + across_m * ty)],
+        }
+    }
+
+    /// A small step of the point, mirrored.
+    fn turned_round(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let across = 2.0 * (self.normal[0] * x + self.normal[1] * y);
+        [x - across * self.normal[0], y - across * self.normal[1]]
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::walls::moved;
+    use super::super::walls::segments;
     use super::*;
+    use crate::geometry::image_source::image_sources;
 
     fn wall(segments_m: &[[[f64; 2]; 2]]) -> PlanWall {
         PlanWall {
