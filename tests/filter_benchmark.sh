@@ -17,7 +17,7 @@ build_for_target tests/peer/filters-on-target heap
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 mkdir "$work/core" "$work/peers"
-cargo run --quiet --locked --release -p cogmint-tests --example full_filter -- 60 "$work/core/feed.bin" >/dev/null
+cargo run --quiet --locked --release -p cogmint-tests --example full_filter -- published 60 "$work/core/feed.bin" >/dev/null
 cp "$work/core/feed.bin" "$work/peers"
 run "$work/core" "$PWD/firmware-stub/target/$target/release/filter"
 run "$work/peers" "$PWD/tests/peer/filters-on-target/target/$target/release/cogmint-peer-filters-on-target"

@@ -5,7 +5,8 @@
 #   bash tests/on_target.sh [--json] [--cycles N] [--recording DIR]
 #
 # Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch; and the state
-# filter alone with 24 virtual anchors and 26 ranges per step; and planning alone, 20 actions over one and five cycles.
+# filter alone with 26 ranges per step, of 24 virtual anchors as published and of 24 images in 8 walls; images and availability
+# alone, 24 sources over 8 walls; and planning alone, 20 actions over one and five cycles.
 # Then tests/target_meters.sh: the firmware's meters must fail where they cannot measure.
 #
 # Exit code 0 only when all hashes are equal, no panic symbol is linked, the state filter and planning are within their
@@ -53,10 +54,13 @@ cogmint=(cargo run --quiet --locked --release --)
 "${cogmint[@]}" experiment eight-paths --frames 200 --out "$work/eight/frames"
 "${cogmint[@]}" trace --recording "$work/eight/frames" --cycles 200 --feed "$work/eight/feed.bin" >/dev/null
 
-# The state filter at full size: 52 states, 26 ranges per step.
-mkdir "$work/filter"
-cargo run --quiet --locked --release -p cogmint-tests --example full_filter -- 60 "$work/filter/feed.bin" \
-  >"$work/filter/host.txt"
+# The state filter at full size, 26 ranges per step: 52 states as published, 20 with walls.
+for form in published walls; do
+  mkdir "$work/$form"
+  cargo run --quiet --locked --release -p cogmint-tests --example full_filter -- $form 60 "$work/$form/feed.bin" \
+    >"$work/$form/host.txt"
+done
+mkdir "$work/availability"
 
 # Planning at full size: 20 actions, 26 sources.
 mkdir "$work/plan"
@@ -64,13 +68,17 @@ cargo run --quiet --locked --release -p cogmint-tests --example full_plan -- "$w
 
 run "$work" "$image"
 run "$work/eight" "$images/estimator"
-run "$work/filter" "$images/filter"
+run "$work/published" "$images/filter"
+run "$work/walls" "$images/filter"
+run "$work/availability" "$images/availability"
 run "$work/plan" "$images/planning"
 
 cargo run --quiet --locked --release -p cogmint-tests --example target_report -- \
   --target "$target" --image "$image" --host "$work/host.txt" --log "$work/target.txt" \
   --estimator-log "$work/eight/target.txt" \
-  --filter-host "$work/filter/host.txt" --filter-log "$work/filter/target.txt" \
+  --filter-host "$work/published/host.txt" --filter-log "$work/published/target.txt" \
+  --walls-host "$work/walls/host.txt" --walls-log "$work/walls/target.txt" \
+  --availability-log "$work/availability/target.txt" \
   --plan-host "$work/plan/host.txt" --plan-log "$work/plan/target.txt" $json
 
 bash tests/target_meters.sh

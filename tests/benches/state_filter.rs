@@ -8,9 +8,7 @@ use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_peer_filters::nalgebra::{DMatrix, DVector};
 use cogmint_peer_filters::textbook::Textbook;
 use cogmint_peer_filters::{Filter, RANGES, STATES, Scene, kfilter_crate, minikalman_crate};
-use cogmint_tests::full_filter::{
-    self, ANCHORS, ANCHORS_M, MOTION, PRIOR_STD, Problem, RANGE_STD_M, STEP_S, VAS,
-};
+use cogmint_tests::full_filter::{ANCHORS, ANCHORS_M, MOTION, PRIOR_STD, Problem, RANGE_STD_M, STEP_S, VAS};
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::process::ExitCode;
@@ -32,14 +30,14 @@ fn main() -> ExitCode {
 struct Row {
     name: &'static str,
     title: &'static str,
-    start: fn(&Problem) -> Box<dyn Filter>,
+    start: for<'a> fn(&'a Problem) -> Box<dyn Filter + 'a>,
 }
 
 const ROWS: [Row; 6] = [
     Row {
         name: "cogmint",
         title: "cogmint-core, unscented in reduced form",
-        start: |problem| Box::new(Core { filter: problem.filter() }),
+        start: |problem| Box::new(Core { problem, filter: problem.filter() }),
     },
     Row {
         name: "minikalman-ekf",
@@ -78,7 +76,8 @@ fn scene(problem: &Problem) -> Scene {
         acceleration_density_m2_s3: MOTION.acceleration_density_m2_s3,
         virtual_anchor_walk_m_sqrt_s: MOTION.virtual_anchor_walk_m_sqrt_s,
     };
-    scene.started(problem.start_m, PRIOR_STD, &problem.virtual_anchors_m)
+    let places: [[f32; 2]; VAS] = std::array::from_fn(|slot| problem.surfaces[slot].state);
+    scene.started(problem.start_m, PRIOR_STD, &places)
 }
 
 fn compare() -> ExitCode {
@@ -89,7 +88,7 @@ fn compare() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let problem = Problem::new(STEPS);
+    let problem = Problem::published(STEPS);
     let mut reference = Reference::new(&scene(&problem));
     problem.ranges_m.iter().for_each(|ranges| reference.step(ranges));
     let [x, y] = problem.truth_m[STEPS - 1];
@@ -176,20 +175,21 @@ fn coordinates() -> impl Iterator<Item = usize> {
 }
 
 /// The core's filter.
-struct Core {
+struct Core<'a> {
+    problem: &'a Problem,
     filter: StateFilter<ANCHORS, VAS>,
 }
 
-impl Filter for Core {
+impl Filter for Core<'_> {
     fn step(&mut self, ranges_m: &[f32; RANGES]) {
-        full_filter::step(&mut self.filter, ranges_m);
+        self.problem.step(&mut self.filter, ranges_m);
     }
 
     fn state(&self, index: usize) -> f32 {
         match index {
             0 | 1 => self.filter.position_m()[index],
             2 | 3 => self.filter.velocity_m_s()[index - 2],
-            _ => self.filter.virtual_anchor((index - 4) / 2).expect("is mapped").0[index % 2],
+            _ => self.filter.surface((index - 4) / 2).expect("is mapped").1[index % 2],
         }
     }
 }

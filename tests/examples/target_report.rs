@@ -41,8 +41,12 @@ struct Report {
     heap_symbols: usize,
     /// The channel estimator alone.
     estimator: Estimator,
-    /// The state filter alone.
+    /// The state filter alone, as published: 52 states.
     filter: Filter,
+    /// The same with walls: 20 states.
+    filter_walls: Filter,
+    /// Images and availability alone.
+    availability: Availability,
     /// Planning alone.
     planning: Planning,
 }
@@ -83,7 +87,7 @@ impl Estimator {
     }
 }
 
-/// What a step of 52 states and 26 ranges costs the state filter.
+/// What a step of 26 ranges costs the state filter.
 #[derive(Serialize)]
 struct Filter {
     steps: usize,
@@ -131,6 +135,46 @@ impl Filter {
             instructions_regress: regress,
             instructions_update: update,
             state_bytes,
+            stack_bytes,
+        })
+    }
+}
+
+/// What images and availability of 24 sources over 8 walls cost at a place that is known within 0.1 m.
+#[derive(Serialize)]
+struct Availability {
+    places: usize,
+    instructions: u64,
+    instructions_max: u64,
+    /// What listing the sources of the plan took, once.
+    instructions_listing: u64,
+    stack_bytes: u64,
+}
+
+impl Availability {
+    /// Places of the log that are known within 0.1 m; the others follow.
+    const PLACES: usize = 20;
+
+    fn read(log: &str) -> Result<Self, Box<dyn Error>> {
+        let mut counts: Vec<u64> = Vec::new();
+        let (mut listing, mut stack_bytes) = (0, 0);
+        for line in log.lines() {
+            match line.split_whitespace().collect::<Vec<_>>().as_slice() {
+                ["listed", _, count, "stack", _] => listing = count.parse()?,
+                ["place", _, "hash", _, count] => counts.push(count.parse()?),
+                ["walls", _, "stack", stack] => stack_bytes = stack.parse()?,
+                _ => eprintln!("target_report: the availability's firmware said: {line}"),
+            }
+        }
+        counts.truncate(Self::PLACES);
+        if counts.len() < Self::PLACES || stack_bytes == 0 {
+            return Err("the availability's firmware did not end".into());
+        }
+        Ok(Self {
+            places: counts.len(),
+            instructions: counts.iter().sum::<u64>() / counts.len() as u64,
+            instructions_max: counts.iter().copied().max().unwrap_or(0),
+            instructions_listing: listing,
             stack_bytes,
         })
     }
@@ -245,6 +289,11 @@ fn report() -> Result<bool, Box<dyn Error>> {
         &std::fs::read_to_string(value("--filter-host")?)?,
         &std::fs::read_to_string(value("--filter-log")?)?,
     )?;
+    let filter_walls = Filter::read(
+        &std::fs::read_to_string(value("--walls-host")?)?,
+        &std::fs::read_to_string(value("--walls-log")?)?,
+    )?;
+    let availability = Availability::read(&std::fs::read_to_string(value("--availability-log")?)?)?;
     let planning = Planning::read(
         &std::fs::read_to_string(value("--plan-host")?)?,
         &std::fs::read_to_string(value("--plan-log")?)?,
@@ -303,6 +352,8 @@ fn report() -> Result<bool, Box<dyn Error>> {
         instructions_per_stage,
         estimator,
         filter,
+        filter_walls,
+        availability,
         planning,
     };
     if arguments.iter().any(|a| a == "--json") {
@@ -313,7 +364,7 @@ fn report() -> Result<bool, Box<dyn Error>> {
     for name in panics.iter().chain(&heap) {
         eprintln!("target_report: linked symbol {name}");
     }
-    let equal = report.equal && report.filter.equal && report.planning.equal;
+    let equal = report.equal && report.filter.equal && report.filter_walls.equal && report.planning.equal;
     Ok(equal && report.panic_symbols == 0 && report.heap_symbols == 0)
 }
 
@@ -358,16 +409,27 @@ fn print(report: &Report) {
         report.estimator.instructions_max,
         report.estimator.state_and_scratch_bytes
     );
+    for (states, filter) in [(52, &report.filter), (20, &report.filter_walls)] {
+        println!(
+            "state filter alone: {} steps of {states} states and 26 ranges, bits {} the host's; predict {}, regress {}, \
+             update {} instructions; {} bytes and {} of stack",
+            filter.steps,
+            if filter.equal { "equal to" } else { "NOT EQUAL to" },
+            filter.instructions_predict,
+            filter.instructions_regress,
+            filter.instructions_update,
+            filter.state_bytes,
+            filter.stack_bytes
+        );
+    }
     println!(
-        "state filter alone: {} steps of 52 states and 26 ranges, bits {} the host's; predict {}, regress {}, update {} \
-         instructions; {} bytes and {} of stack",
-        report.filter.steps,
-        if report.filter.equal { "equal to" } else { "NOT EQUAL to" },
-        report.filter.instructions_predict,
-        report.filter.instructions_regress,
-        report.filter.instructions_update,
-        report.filter.state_bytes,
-        report.filter.stack_bytes
+        "images and availability alone: 24 sources over 8 walls, {} instructions (mean of {} places), {} in the largest; {} \
+         for the list of sources; {} bytes of stack",
+        report.availability.instructions,
+        report.availability.places,
+        report.availability.instructions_max,
+        report.availability.instructions_listing,
+        report.availability.stack_bytes
     );
     println!(
         "planning alone: 20 actions, 26 sources, bits {} the host's; {} / {} instructions over one and five cycles; {} \

@@ -6,7 +6,7 @@ use cogmint::recording::{Recording, VirtualAnchor, WallSequence};
 use cogmint::replay::Setup;
 use cogmint::scenario::{BUILT_IN, Scenario, Told};
 use cogmint::simulator::Simulator;
-use cogmint_core::{Config, Tracker};
+use cogmint_core::{Config, Map, Tracker};
 use cogmint_tests::{Folder, cogmint, shared_data};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -82,7 +82,9 @@ fn no_more_are_told_than_asked_for_and_those_are_the_first() {
     let all = told(&room(""), Some(3)).unwrap().sources;
     let few = told(&room("prior.floor_plan.max_virtual_anchors = 5"), Some(3)).unwrap().sources;
     assert_eq!(few, all[..5]);
-    assert!(all.is_sorted_by(|a, b| a.usefulness_nat >= b.usefulness_nat));
+    // Two reflections are worth half of one.
+    let worth = |source: &ToldSource| source.seen_share / source.walls.len() as f64;
+    assert!(all.is_sorted_by(|a, b| worth(a) >= worth(b)));
 }
 
 #[test]
@@ -252,19 +254,22 @@ fn constants_for_firmware_are_those_of_the_plan_and_the_core_takes_them() {
     let export = Export::of_scenario(&scenario, None).unwrap();
     let text = include_str!("plan/dw3000_office.rs");
     assert_eq!(export.to_rust(), text, "renew the file with `cogmint plan dw3000-office --format rust`");
-    assert_eq!(firmware::VIRTUAL_ANCHORS.len(), export.sources.len());
-    assert_eq!(firmware::OUTLINE_M.len(), 4);
-    let walls = firmware::WALL_DEVIATIONS.len();
-    assert!(walls >= 4 && firmware::WALL_SEGMENTS_M.iter().all(|(wall, _)| *wall < walls));
+    let Map { virtual_anchors, plan } = firmware::MAP;
+    assert!(virtual_anchors.is_empty());
+    let told = cogmint::told_plan::ToldPlan::new(export.plan.as_ref().unwrap());
+    assert_eq!(plan, Some(told.plan()));
     let actions = [cogmint_core::radio::library::Action { carrier_hz: 6.4896e9, pulse_duration_s: 2e-9 }];
-    let tracker = Tracker::<4, 24, 16, 1>::new(
+    let tracker = Tracker::<4, 24, 24, 64, 16, 1>::new(
         Config::default(),
         &firmware::ANCHORS,
-        &firmware::VIRTUAL_ANCHORS,
+        &firmware::MAP,
         &actions,
         1,
-    );
-    assert!(tracker.is_ok(), "{:?}", tracker.err());
+    )
+    .unwrap_or_else(|error| panic!("{error}"));
+    // The core lists what `cogmint plan` prints.
+    let listed: Vec<_> = tracker.environment().iter().map(|(_, record)| record.anchor).collect();
+    assert_eq!(listed, export.sources.iter().map(|source| source.anchor).collect::<Vec<_>>());
 }
 
 #[test]

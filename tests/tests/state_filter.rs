@@ -2,9 +2,11 @@
 //! covariance's definiteness over many cycles.
 
 use cogmint::reference::{range, soft_update, state_filter as twin};
+use cogmint_core::model::image::Sequence;
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::soft_update::Moments;
 use cogmint_core::model::source::{Sight, Source};
+use cogmint_core::model::surface::Surface;
 use cogmint_core::perceptor::association::outcome::Innovation;
 use cogmint_core::perceptor::state_filter::StateFilter;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
@@ -73,6 +75,24 @@ impl Textbook {
 
 const ANCHORS: [[f32; 2]; 2] = [[0.5, 7.0], [5.2, 3.2]];
 
+/// What reflects a path where every virtual anchor is a private surface: the one in its slot.
+fn sequence(source: Source) -> Option<Sequence> {
+    match source {
+        Source::Direct { .. } => None,
+        Source::Virtual { slot, .. } => Some(Sequence::of(slot as u8)),
+    }
+}
+
+/// Takes a virtual anchor in as a private surface.
+fn insert<const A: usize, const V: usize>(
+    filter: &mut StateFilter<A, V>,
+    slot: usize,
+    [x, y]: [f32; 2],
+    std_m: f32,
+) -> bool {
+    filter.insert_independent(slot, Surface::Private, Vector2::new(x, y), [std_m; 2])
+}
+
 /// Applies one hard-associated range to the reduced filter.
 fn innovation<const A: usize, const V: usize>(
     filter: &StateFilter<A, V>,
@@ -81,7 +101,7 @@ fn innovation<const A: usize, const V: usize>(
     variance_m2: f32,
 ) -> Innovation {
     let sight = Sight { anchor_m: ANCHORS[source.anchor()], height_m: 0.0, height_std_m: 0.0 };
-    let regression = filter.regress(source, &sight).expect("an occupied source");
+    let regression = filter.regress(source, &sight, sequence(source).as_ref()).expect("an occupied source");
     let nu = range_m - regression.range_m;
     Innovation::hard(regression, nu, variance_m2)
 }
@@ -106,7 +126,7 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
     textbook.x[1] = f64::from(7.80_f32);
     for (slot, [x, y]) in true_vas.iter().enumerate() {
         let guess = [(x + 0.05 * noise.normal()) as f32, (y + 0.05 * noise.normal()) as f32];
-        assert!(filter.insert_independent(slot, guess, 0.05));
+        assert!(insert(&mut filter, slot, guess, 0.05));
         for (axis, coordinate) in guess.iter().enumerate() {
             let i = 4 + 2 * slot + axis;
             textbook.x[i] = f64::from(*coordinate);
@@ -178,10 +198,10 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
         let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(41));
         let mut ours = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.1, 0.02, bias_std_m);
         // A virtual anchor of the usual kind, correlated with the tag.
-        assert!(ours.insert_independent(1, [11.5, 7.0], 0.2));
+        assert!(insert(&mut ours, 1, [11.5, 7.0], 0.2));
         let mut theirs = ours.clone();
         for (slot, place) in exact {
-            assert!(ours.insert_independent(slot, place, 0.0));
+            assert!(insert(&mut ours, slot, place, 0.0));
         }
         for cycle in 0..2000 {
             // Now and then so long that the position's variance meets its limit.
@@ -206,7 +226,11 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
                 let weight = 0.5 + 0.5 * noise.uniform() as f32;
                 let update = |filter: &StateFilter<2, 4>, source, anchor_m| {
                     let regression = filter
-                        .regress(source, &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 })
+                        .regress(
+                            source,
+                            &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 },
+                            sequence(source).as_ref(),
+                        )
                         .unwrap();
                     let nu = range_m - regression.range_m;
                     let variance_m2 = (deviation * deviation) as f32;
@@ -219,13 +243,13 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
             ours.update(to_ours);
             theirs.update(to_theirs);
             assert_eq!(ours.agent(), theirs.agent(), "bias {bias_std_m}, cycle {cycle}");
-            assert_eq!(ours.virtual_anchor(1), theirs.virtual_anchor(1), "bias {bias_std_m}, cycle {cycle}");
+            assert_eq!(ours.surface(1), theirs.surface(1), "bias {bias_std_m}, cycle {cycle}");
             for anchor in 0..2 {
                 assert_eq!(ours.bias_m(anchor), theirs.bias_m(anchor), "bias {bias_std_m}, cycle {cycle}");
             }
             let (all, without) = (covariance(&ours), covariance(&theirs));
             for (slot, [x, y]) in exact {
-                let (mean, block) = ours.virtual_anchor(slot).unwrap();
+                let (_, mean, block) = ours.surface(slot).unwrap();
                 assert_eq!((mean, block), (Vector2::new(x, y), Matrix2::zeros()), "cycle {cycle}");
             }
             assert_eq!(all, without, "cycle {cycle}: correlated with what is known exactly");
@@ -259,7 +283,7 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
         let slots: Vec<usize> = (0..24).filter(|slot| slot % 5 != 3).collect();
         for &slot in &slots {
             let place = [20.0 * noise.uniform() as f32 - 7.0, 20.0 * noise.uniform() as f32 - 5.0];
-            assert!(filter.insert_independent(slot, place, 1.0));
+            assert!(insert(&mut filter, slot, place, 1.0));
             reference.insert_independent(slot, place, 1.0);
         }
         for cycle in 0..300 {
@@ -275,7 +299,11 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                     Source::Virtual { anchor, slot: slots[(noise.uniform() * slots.len() as f64) as usize] }
                 };
                 let line = filter
-                    .regress(source, &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 })
+                    .regress(
+                        source,
+                        &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 },
+                        sequence(source).as_ref(),
+                    )
                     .unwrap();
                 let sight = range::Sight { anchor_m: ANCHORS[anchor], height_m: [1.0, 0.4] };
                 let reference_line = reference.regress(source, &sight);
@@ -314,7 +342,7 @@ fn the_order_of_measurements_within_a_cycle_does_not_matter() {
         position_std_limit_m: 30.0,
     };
     let mut forwards = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
-    assert!(forwards.insert_independent(0, [-0.5, 7.0], 0.2));
+    assert!(insert(&mut forwards, 0, [-0.5, 7.0], 0.2));
     let mut backwards = forwards.clone();
     forwards.predict(1.0);
     backwards.predict(1.0);
@@ -407,7 +435,7 @@ fn the_covariance_stays_positive_definite_at_full_size() {
             for slot in 0..24 {
                 let image = [20.0 * noise.uniform() - 7.0, 20.0 * noise.uniform() - 5.0];
                 let guess = image.map(|x| (x + f64::from(prior) * 0.3 * noise.normal()) as f32);
-                assert!(filter.insert_independent(slot, guess, prior));
+                assert!(insert(&mut filter, slot, guess, prior));
                 images.push(image);
             }
             let mut least = f64::INFINITY;
@@ -468,7 +496,7 @@ fn range_biases_are_found_while_the_tag_moves() {
                 let [x, y] = anchors[anchor].map(f64::from);
                 let range = (truth[0] - x).hypot(truth[1] - y) + biases[anchor] + 0.05 * noise.normal();
                 let sight = Sight { anchor_m: anchors[anchor], height_m: 0.0, height_std_m: 0.0 };
-                let regression = filter.regress(Source::Direct { anchor }, &sight).unwrap();
+                let regression = filter.regress(Source::Direct { anchor }, &sight, None).unwrap();
                 let nu = range as f32 - regression.range_m;
                 Innovation::hard(regression, nu, 0.0025)
             })
@@ -494,7 +522,7 @@ fn correlated(noise: &mut Noise) -> StateFilter<2, 5> {
     let mut filter = StateFilter::<2, 5>::new(motion, [3.0, 7.0], 0.2, 0.3, 0.0, 0.1);
     let images = [(0, [-0.5, 7.0]), (2, [11.5, 7.0]), (4, [5.2, -3.2])];
     for (slot, image) in images {
-        assert!(filter.insert_independent(slot, image, 0.2));
+        assert!(insert(&mut filter, slot, image, 0.2));
     }
     for cycle in 0..30 {
         let truth = [3.0 + 0.03 * f64::from(cycle), 7.0 - 0.02 * f64::from(cycle)];
@@ -542,7 +570,7 @@ fn what_is_inserted_relative_to_the_tag_moves_with_it_and_with_all_it_is_correla
                     assert!(off <= 1e-6 * scale, "slot {slot}, entry ({i}, {j}): off by {off:e}");
                 }
             }
-            let (mean, block) = filter.virtual_anchor(slot).unwrap();
+            let (_, mean, block) = filter.surface(slot).unwrap();
             assert_eq!(mean, Vector2::new(1.0, 2.0));
             assert_eq!(block.m12, block.m21);
         }
@@ -598,7 +626,7 @@ fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
         let regress = |height_std_m: f64| {
             let (height_m, height_std_m) = (height_m as f32, height_std_m as f32);
             let sight = Sight { anchor_m: [0.0, 0.0], height_m, height_std_m };
-            filter.regress(Source::Direct { anchor: 0 }, &sight).unwrap()
+            filter.regress(Source::Direct { anchor: 0 }, &sight, None).unwrap()
         };
         let draws: Vec<f64> = (0..200_000)
             .map(|_| {
@@ -625,5 +653,5 @@ fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
     let filter = StateFilter::<1, 1>::new(motion, [0.0, 0.0], 0.1, 0.1, 0.0, 0.0);
     let level = |height_std_m| Sight { anchor_m: [0.0, 0.0], height_m: 0.0, height_std_m };
     let source = Source::Direct { anchor: 0 };
-    assert_eq!(filter.regress(source, &level(0.0)), filter.regress(source, &level(100.0)));
+    assert_eq!(filter.regress(source, &level(0.0), None), filter.regress(source, &level(100.0), None));
 }

@@ -89,16 +89,25 @@ impl Export {
         toml::to_string(self)
     }
 
-    /// As Rust: constants of the core's types for firmware.
+    /// As Rust: constants of the core's types for firmware. With a plan, the core lists the sources itself: those with walls
+    /// are comments only.
     pub fn to_rust(&self) -> String {
+        let private: Vec<&Source> =
+            self.sources.iter().filter(|source| self.plan.is_none() || source.walls.is_empty()).collect();
+        let names: &[&str] = match (&self.plan, private.is_empty()) {
+            (Some(_), true) => &["Anchor", "Map", "Plan", "PlanSegment", "PlanWall"],
+            (Some(_), false) => &["Anchor", "Map", "MappedVirtualAnchor", "Plan", "PlanSegment", "PlanWall"],
+            (None, true) => &["Anchor", "Map"],
+            (None, false) => &["Anchor", "Map", "MappedVirtualAnchor"],
+        };
         let mut text = format!(
             "// What a device is told of {}: made by `cogmint plan`.\n\
-             use cogmint_core::{{Anchor, MappedVirtualAnchor}};\n\n\
+             use cogmint_core::{{{}}};\n\n\
              /// The anchors.\npub const ANCHORS: [Anchor; {}] = [\n",
             self.name.escape_default(),
+            names.join(", "),
             self.anchors.len()
         );
-        let point = |[x, y]: [f64; 2]| format!("[{:?}, {:?}]", x as f32, y as f32);
         // Writing to a string cannot fail.
         for Anchor { name, position_m, height_m } in &self.anchors {
             let _ = writeln!(
@@ -109,64 +118,82 @@ impl Export {
                 *height_m as f32
             );
         }
-        let _ = write!(
-            text,
-            "];\n\n/// The virtual anchors that follow from the plan's walls, the most useful first.\n\
-             pub const VIRTUAL_ANCHORS: [MappedVirtualAnchor; {}] = [\n",
-            self.sources.len()
-        );
-        for source in &self.sources {
-            let anchor = self.anchors.get(source.anchor).map_or("", |anchor| &anchor.name);
-            let _ = writeln!(
-                text,
-                "    // {}{}\n    MappedVirtualAnchor {{ anchor: {}, position_m: {}, std_m: {:?} }},",
-                anchor.escape_default(),
-                self.by_way_of(source.walls),
-                source.anchor,
-                point(source.position_m),
-                source.std_m as f32
-            );
-        }
         text.push_str("];\n");
-        if let Some(plan) = &self.plan {
+        if !private.is_empty() {
             let _ = write!(
                 text,
-                "\n/// Corners of the outline, metres.\npub const OUTLINE_M: [[f32; 2]; {}] = [\n",
-                plan.outline_m.len()
+                "\n/// The virtual anchors whose walls are not known.\n\
+                 pub const VIRTUAL_ANCHORS: [MappedVirtualAnchor; {}] = [\n",
+                private.len()
             );
-            for &corner_m in &plan.outline_m {
-                let _ = writeln!(text, "    {},", point(corner_m));
-            }
-            let segments = plan
-                .walls
-                .iter()
-                .enumerate()
-                .flat_map(|(n, wall)| wall.segments_m.iter().map(move |ends| (n, ends)));
-            let _ = write!(
-                text,
-                "];\n\n/// Segments of the walls: index of the wall, and both ends, metres.\n\
-                 pub const WALL_SEGMENTS_M: [(usize, [[f32; 2]; 2]); {}] = [\n",
-                segments.clone().count()
-            );
-            for (wall, [from_m, to_m]) in segments {
-                let _ = writeln!(text, "    ({wall}, [{}, {}]),", point(*from_m), point(*to_m));
-            }
-            let _ = write!(
-                text,
-                "];\n\n/// Per wall the standard deviations of its offset, metres, and of its rotation, radians.\n\
-                 pub const WALL_DEVIATIONS: [[f32; 2]; {}] = [\n",
-                plan.walls.len()
-            );
-            for wall in &plan.walls {
+            for source in &private {
+                let anchor = self.anchors.get(source.anchor).map_or("", |anchor| &anchor.name);
                 let _ = writeln!(
                     text,
-                    "    [{:?}, {:?}],",
-                    wall.offset_std_m as f32, wall.rotation_std_rad as f32
+                    "    // {}\n    MappedVirtualAnchor {{ anchor: {}, position_m: {}, std_m: {:?} }},",
+                    anchor.escape_default(),
+                    source.anchor,
+                    point(source.position_m),
+                    source.std_m as f32
                 );
             }
             text.push_str("];\n");
         }
+        if let Some(plan) = &self.plan {
+            self.write_plan(&mut text, plan);
+        }
+        let virtual_anchors = if private.is_empty() { "&[]" } else { "&VIRTUAL_ANCHORS" };
+        let plan = if self.plan.is_some() { "Some(PLAN)" } else { "None" };
+        let _ = write!(
+            text,
+            "\n/// What the tracker is told.\n\
+             pub const MAP: Map<'static> = Map {{ virtual_anchors: {virtual_anchors}, plan: {plan} }};\n"
+        );
         text
+    }
+
+    fn write_plan(&self, text: &mut String, plan: &Plan) {
+        let _ = write!(
+            text,
+            "\n/// Corners of the outline, metres.\npub const OUTLINE_M: [[f32; 2]; {}] = [\n",
+            plan.outline_m.len()
+        );
+        for &corner_m in &plan.outline_m {
+            let _ = writeln!(text, "    {},", point(corner_m));
+        }
+        let _ = write!(text, "];\n\n/// The walls.\npub const WALLS: [PlanWall; {}] = [\n", plan.walls.len());
+        for wall in &plan.walls {
+            let _ = writeln!(
+                text,
+                "    PlanWall {{ offset_std_m: {:?}, rotation_std_rad: {:?} }},",
+                wall.offset_std_m as f32, wall.rotation_std_rad as f32
+            );
+        }
+        let segments = plan
+            .walls
+            .iter()
+            .enumerate()
+            .flat_map(|(n, wall)| wall.segments_m.iter().map(move |ends| (n, ends)));
+        let _ = write!(
+            text,
+            "];\n\n/// What they consist of.\npub const SEGMENTS: [PlanSegment; {}] = [\n",
+            segments.clone().count()
+        );
+        for (wall, [from_m, to_m]) in segments {
+            let ends = format!("[{}, {}]", point(*from_m), point(*to_m));
+            let _ = writeln!(text, "    PlanSegment {{ wall: {wall}, ends_m: {ends} }},");
+        }
+        text.push_str("];\n\n/// The plan. The core lists these sources, the most useful first:\n///\n");
+        for source in self.sources.iter().filter(|source| !source.walls.is_empty()) {
+            let anchor = self.anchors.get(source.anchor).map_or("", |anchor| &anchor.name);
+            let _ = writeln!(text, "/// - {}{}", anchor.escape_default(), self.by_way_of(source.walls));
+        }
+        let _ = write!(
+            text,
+            "pub const PLAN: Plan<'static> = Plan {{\n    outline_m: &OUTLINE_M,\n    walls: &WALLS,\n    \
+             segments: &SEGMENTS,\n    turn_std_rad: {:?},\n    reflections: {},\n    most_sources: {},\n}};\n",
+            plan.turn_std_rad as f32, plan.reflections, plan.most_sources
+        );
     }
 
     /// ", walls 3 and 0", as part of a comment.
@@ -178,4 +205,8 @@ impl Export {
             _ => String::new(),
         }
     }
+}
+
+fn point([x, y]: [f64; 2]) -> String {
+    format!("[{:?}, {:?}]", x as f32, y as f32)
 }

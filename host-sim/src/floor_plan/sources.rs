@@ -8,18 +8,10 @@
 //! A second wall mirrors the first one's derivatives: they are multiplied by I - 2 u u'. Errors of two walls are
 //! independent; all images in one wall share its two.
 
-use crate::geometry::image_source::image_sources;
 use crate::recording::{PlanWall, WallSequence};
-use std::collections::BTreeMap;
-
-use super::walls::segments;
 
 /// Deviations below this are not told, metres: a plan is not drawn more exactly.
 pub const LEAST_STD_M: f64 = 1e-3;
-/// Two walls are taken to be at right angles where this many standard deviations of their rotations explain the rest.
-const RIGHT_ANGLE_DEVIATIONS: f64 = 4.0;
-/// The same where rotations are exact, radians.
-const RIGHT_ANGLE_RAD: f64 = 1e-3;
 
 /// How an image moves with the errors of one of its walls.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,54 +81,6 @@ pub fn std_m(walls: &[PlanWall], sequence: WallSequence, anchor_m: [f64; 2]) -> 
     (0.5 * (xx + yy)).sqrt().max(LEAST_STD_M)
 }
 
-/// A source that some place could see: one or, at right angles, two sequences of walls with one image.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Candidate {
-    /// Its sequences of walls; the second is the first backwards.
-    pub sequences: Vec<WallSequence>,
-    /// What light could take: segments as [`segments`] counts them, each with the index of its sequence.
-    pub ways: Vec<(usize, Vec<usize>)>,
-}
-
-/// All sources of an anchor over one and two different walls (at most `order` of them) that some place could see if no
-/// wall shaded another, by order and then by walls.
-///
-/// Over two walls at right angles, to within what their rotations explain, there is one image whichever comes first:
-/// one source.
-pub fn candidates(walls: &[PlanWall], anchor_m: [f64; 2], order: usize) -> Vec<Candidate> {
-    let wall_of: Vec<usize> =
-        walls.iter().enumerate().flat_map(|(wall, of)| of.segments_m.iter().map(move |_| wall)).collect();
-    let mut found: BTreeMap<(usize, WallSequence), Candidate> = BTreeMap::new();
-    let images = image_sources(&segments(walls), anchor_m, order.min(crate::recording::MAX_SEQUENCE));
-    for way in images.into_iter().flat_map(|image| image.sequences).filter(|way| !way.is_empty()) {
-        let met: Vec<usize> = way.iter().map(|&segment| wall_of[segment]).collect();
-        let Some(sequence) = WallSequence::new(&met) else { continue };
-        let backwards: Vec<usize> = met.iter().rev().copied().collect();
-        let key = match WallSequence::new(&backwards) {
-            Some(backwards) if backwards < sequence && are_at_right_angles(walls, &met) => backwards,
-            _ => sequence,
-        };
-        let candidate = found
-            .entry((met.len(), key))
-            .or_insert_with(|| Candidate { sequences: Vec::new(), ways: Vec::new() });
-        let index = candidate.sequences.iter().position(|known| *known == sequence).unwrap_or_else(|| {
-            candidate.sequences.push(sequence);
-            candidate.sequences.len() - 1
-        });
-        candidate.ways.push((index, way));
-    }
-    found.into_values().collect()
-}
-
-/// Whether two walls may be at right angles.
-fn are_at_right_angles(walls: &[PlanWall], pair: &[usize]) -> bool {
-    let &[a, b] = pair else { return false };
-    let ([ax, ay], [bx, by]) = (walls[a].direction(), walls[b].direction());
-    let off_rad = libm::asin((ax * bx + ay * by).abs().min(1.0));
-    let std_rad = walls[a].rotation_std_rad.hypot(walls[b].rotation_std_rad);
-    off_rad <= RIGHT_ANGLE_RAD + RIGHT_ANGLE_DEVIATIONS * std_rad
-}
-
 /// What one wall makes of a point.
 struct Mirror {
     normal: [f64; 2],
@@ -170,7 +114,9 @@ impl Mirror {
 #[cfg(test)]
 mod tests {
     use super::super::walls::moved;
+    use super::super::walls::segments;
     use super::*;
+    use crate::geometry::image_source::image_sources;
 
     fn wall(segments_m: &[[[f64; 2]; 2]]) -> PlanWall {
         PlanWall {
@@ -254,28 +200,5 @@ mod tests {
         assert!((std_m(&walls, sequence(&[1]), [1.3, 3.1]) - expected_m).abs() < 1e-12);
         walls.iter_mut().for_each(|wall| wall.offset_std_m = 0.0);
         assert_eq!(std_m(&walls, sequence(&[1]), [1.3, 3.1]), LEAST_STD_M);
-    }
-
-    #[test]
-    fn a_corner_at_right_angles_has_one_double_image_and_a_skew_one_has_two() {
-        let corner = |x: f64| vec![wall(&[[[0.0, 0.0], [6.0, 0.0]]]), wall(&[[[0.0, 0.0], [x, 6.0]]])];
-        let doubles = |walls: &[PlanWall]| {
-            let all = candidates(walls, [2.0, 1.5], 2);
-            all.into_iter().filter(|candidate| candidate.sequences[0].len() == 2).collect::<Vec<_>>()
-        };
-        let straight = doubles(&corner(0.0));
-        assert_eq!(straight.len(), 1);
-        assert_eq!(straight[0].sequences.len(), 2);
-        // 1 degree is within what two rotations of 0.5 degrees explain, 10 degrees are not.
-        assert_eq!(doubles(&corner(0.1)).len(), 1);
-        assert_eq!(doubles(&corner(1.06)).len(), 2);
-    }
-
-    #[test]
-    fn segments_of_one_wall_make_one_source() {
-        let found = candidates(&room(), [1.3, 3.1], 1);
-        assert_eq!(found.len(), 4);
-        assert_eq!(found[0].ways, [(0, vec![0]), (0, vec![1])]);
-        assert!(candidates(&room(), [1.3, 3.1], 0).is_empty());
     }
 }

@@ -91,27 +91,38 @@ fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Option<()> {
     let mut words = Words(File::open_feed()?);
     let _magic = words.word()?;
     let steps = u32::from_le_bytes(words.word()?);
-    let acceleration_std_m_s2 = words.float()?;
-    let virtual_anchor_walk_m = words.float()?;
+    let _surfaces = words.word()?;
+    let acceleration_density_m2_s3 = words.float()?;
+    let _velocity_decay_s = words.float()?;
+    let virtual_anchor_walk_m_sqrt_s = words.float()?;
     let _position_std_limit_m = words.float()?;
     let start_m = words.point()?;
-    let std = [words.float()?, words.float()?, words.float()?];
+    let (position_std_m, velocity_std_m_s) = (words.float()?, words.float()?);
     let mut anchors_m = [[0.0; 2]; ANCHORS];
     for anchor in &mut anchors_m {
         *anchor = words.point()?;
     }
     let mut virtual_anchors_m = [[0.0; 2]; VAS];
+    let mut image_std_m = 0.0;
     for place in &mut virtual_anchors_m {
+        // All are private surfaces: no line.
+        let _is_wall = words.word()?;
+        let _line = [words.point()?, words.point()?];
         *place = words.point()?;
+        [image_std_m, _] = words.point()?;
     }
+    for _ in 0..VAS {
+        let _image = [words.word()?, words.word()?, words.word()?];
+    }
+    let std = [position_std_m, velocity_std_m_s, image_std_m];
     let scene = Scene {
         mean: [0.0; STATES],
         variance: [0.0; STATES],
         anchors_m,
         range_variance_m2: words.float()?,
         step_s: words.float()?,
-        acceleration_std_m_s2,
-        virtual_anchor_walk_m,
+        acceleration_density_m2_s3,
+        virtual_anchor_walk_m_sqrt_s,
     };
     let scene = scene.started(start_m, std, &virtual_anchors_m);
     let heap = heap_used();
