@@ -478,7 +478,14 @@ mod tests {
 
     /// What the memory holds of an anchor seen at this SINR.
     fn see(memory: &mut Memory, anchor: usize, sinr: f32) {
-        let path = Measurement { range_m: 1.0, variance_m2: 1e-4, sinr, energy: 1.0, false_alarm: 1.0 };
+        let path = Measurement {
+            range_m: 1.0,
+            variance_m2: 1e-4,
+            tail_m2: 0.0,
+            sinr,
+            energy: 1.0,
+            false_alarm: 1.0,
+        };
         let source = Source::Direct { anchor };
         let shares = memory.shares(ACTION, &library());
         memory.remember(source, ACTION, &path, 1.0, 0.1);

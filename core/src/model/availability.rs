@@ -407,6 +407,7 @@ mod tests {
             segments: &segments,
             turn_std_rad: 0.0,
             reflections: 2,
+            most_sources: usize::MAX,
         })
         .unwrap()
     }

@@ -450,7 +450,14 @@ mod tests {
     const QUIET: f32 = 1e-3;
 
     fn path(sinr: f32) -> Measurement {
-        Measurement { range_m: 2.0, variance_m2: 1e-4, sinr, energy: sinr * QUIET, false_alarm: 1.0 }
+        Measurement {
+            range_m: 2.0,
+            variance_m2: 1e-4,
+            tail_m2: 0.0,
+            sinr,
+            energy: sinr * QUIET,
+            false_alarm: 1.0,
+        }
     }
 
     /// A frame over noise of this level, with this path.
