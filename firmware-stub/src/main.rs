@@ -38,10 +38,11 @@ fn build<'a>(
     feed: &mut Feed,
 ) -> Result<(&'a mut BoardTracker, u32), Fault> {
     let setup = feed.setup().ok_or(Fault(b"error malformed feed\n"))?;
-    match Tracker::new(setup.config, &setup.anchors, &setup.map(), &setup.actions, setup.seed) {
-        Ok(tracker) => Ok((slot.write(tracker), setup.cycles)),
-        Err(_) => Err(Fault(b"error refused set-up\n")),
-    }
+    let refused = |_| Fault(b"error refused set-up\n");
+    let untold = Tracker::untold(setup.config, &setup.anchors, &setup.actions, setup.seed);
+    let tracker = slot.write(untold.map_err(refused)?);
+    tracker.tell(&setup.map()).map_err(refused)?;
+    Ok((tracker, setup.cycles))
 }
 
 /// Replays the whole feed.

@@ -55,7 +55,7 @@ const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
 /// What the crate's root exports again: no block may take the whole by that way.
 const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
 /// What may change the whole tracker.
-const ENTRIES: [&str; 9] = [
+const ENTRIES: [&str; 10] = [
     "begin",
     "cycle",
     "cycle_observed",
@@ -64,6 +64,7 @@ const ENTRIES: [&str; 9] = [
     "receive",
     "receive_observed",
     "restrict",
+    "tell",
     "tell_channel",
 ];
 

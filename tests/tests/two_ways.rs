@@ -6,7 +6,7 @@ use cogmint::replay::{CycleInput, LARGE_ANCHORS, LargeTracker, Setup, inputs};
 use cogmint::scenario::Scenario;
 use cogmint::simulator::Simulator;
 use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
-use cogmint_core::{CycleReport, Error};
+use cogmint_core::{CycleReport, Error, Map};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use std::path::Path;
@@ -279,7 +279,7 @@ fn frames_of_unequal_pulses_give_the_same_bits_in_any_order() {
     config.controller.per_anchor = true;
     config.controller.choice.exploration_per_s = 5.0;
     config.start.position_m = [4.0, 3.0];
-    let new = || Tracker::<2, 4, 8, 3>::new(config, &anchors, &[], &actions, 5).unwrap();
+    let new = || Tracker::<2, 4, 4, 1, 8, 3>::new(config, &anchors, &Map::default(), &actions, 5).unwrap();
     let (mut at_once, mut one_by_one) = (new(), new());
     let mut rng = Xoshiro128PlusPlus::seed_from_u64(9);
     let mut unequal = 0;

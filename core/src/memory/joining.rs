@@ -47,6 +47,9 @@ pub const NEAREST_M: f32 = 0.5;
 /// Tuned: two walls make one image in either order where so many deviations of their rotations explain what they lack of a
 /// right angle, but no more than [`SKEW`].
 pub const RIGHT_ANGLE_DEVIATIONS: f32 = 3.0;
+/// Tuned: cosine of an angle that is taken for a right one however well both walls are known: as in plans that are told with
+/// the usual deviations. Else both orders explain one image equally, and neither with certainty.
+pub const LEAST_SKEW: f32 = 0.05;
 /// Tuned: largest cosine of an angle that may be a right one.
 pub const SKEW: f32 = 0.15;
 
@@ -374,7 +377,7 @@ fn is_right_angle(first: &Face, second: &Face) -> bool {
     let normal = |face: &Face| face.line.moved(face.state.x, face.state.y).normal;
     let ([ax, ay], [bx, by]) = (normal(first), normal(second));
     let explained = RIGHT_ANGLE_DEVIATIONS * sqrt(first.rotation + second.rotation);
-    abs(ax * bx + ay * by) <= limited(explained, 1e-3, SKEW)
+    abs(ax * bx + ay * by) <= limited(explained, LEAST_SKEW, SKEW)
 }
 
 /// Whether a wall that an image of another anchor implies has this one on the same side.

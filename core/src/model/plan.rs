@@ -99,8 +99,33 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
     ///
     /// # Errors
     /// The first wall, segment or corner that is out of range, or more of them than there is room for.
-    #[inline(always)] // built where it stays
     pub fn new(plan: &Plan<'_>) -> Result<Self, Error> {
+        let mut kept = Self::default();
+        kept.keep(plan)?;
+        Ok(kept)
+    }
+
+    /// Keeps a plan in the place of what was kept.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; nothing is kept then.
+    #[inline(never)]
+    pub fn keep(&mut self, plan: &Plan<'_>) -> Result<(), Error> {
+        self.clear();
+        let kept = self.fill(plan);
+        if kept.is_err() {
+            self.clear();
+        }
+        kept
+    }
+
+    fn clear(&mut self) {
+        self.walls.clear();
+        self.segments.clear();
+        self.outline_m.clear();
+    }
+
+    fn fill(&mut self, plan: &Plan<'_>) -> Result<(), Error> {
         let Plan { outline_m, walls, segments, turn_std_rad, reflections, most_sources: _ } = *plan;
         let given = larger_count(outline_m.len(), larger_count(walls.len(), segments.len()));
         if given > SEGMENTS {
@@ -110,14 +135,13 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
         if !is_angle || reflections > MOST_REFLECTIONS {
             return Err(Error::PlanSettings);
         }
-        let mut kept = Self::default();
         for (index, told) in walls.iter().enumerate() {
             let wall = wall(index, told, segments).ok_or(Error::PlanWall { index })?;
             // As many as were counted: the pushes succeed.
-            let _ = kept.walls.push(wall);
+            let _ = self.walls.push(wall);
         }
         for (index, segment) in segments.iter().enumerate() {
-            let wall = kept.walls.get(segment.wall).ok_or(Error::PlanSegment { index })?;
+            let wall = self.walls.get(segment.wall).ok_or(Error::PlanSegment { index })?;
             let [from, to] = segment.ends_m;
             let is_on_line =
                 abs(wall.line.distance_m(from)) <= OFF_LINE_M && abs(wall.line.distance_m(to)) <= OFF_LINE_M;
@@ -126,14 +150,14 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
                 return Err(Error::PlanSegment { index });
             }
         }
-        for (index, wall) in kept.walls.iter_mut().enumerate() {
-            let begin = kept.segments.len() as u16;
+        for (index, wall) in self.walls.iter_mut().enumerate() {
+            let begin = self.segments.len() as u16;
             for segment in segments.iter().filter(|segment| segment.wall == index) {
                 let [a, b] = segment.ends_m.map(|end_m| wall.line.place_m(end_m));
                 let extent_m = [smaller(a, b), larger(a, b)];
-                let _ = kept.segments.push(Segment { wall: index as u16, extent_m });
+                let _ = self.segments.push(Segment { wall: index as u16, extent_m });
             }
-            wall.segments = [begin, kept.segments.len() as u16];
+            wall.segments = [begin, self.segments.len() as u16];
         }
         if outline_m.len() == 1 || outline_m.len() == 2 {
             return Err(Error::PlanOutline { index: outline_m.len() });
@@ -142,9 +166,9 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
             if !are_near(core::slice::from_ref(corner_m)) {
                 return Err(Error::PlanOutline { index });
             }
-            let _ = kept.outline_m.push(*corner_m);
+            let _ = self.outline_m.push(*corner_m);
         }
-        Ok(kept)
+        Ok(())
     }
 
     /// The walls.

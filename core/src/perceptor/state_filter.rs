@@ -1154,7 +1154,7 @@ fn scale<'a, R: nalgebra::Dim, S: nalgebra::RawStorageMut<f32, R>>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{DMatrix, DVector};
+    use nalgebra::SMatrix;
     use std::vec::Vec;
 
     const ANCHORS: usize = 2;
@@ -1163,12 +1163,14 @@ mod tests {
     const SIZE: usize = BEFORE + 2 * SURFACES;
     /// The free slot.
     const FREE: usize = 1;
+    type Dense = SMatrix<f64, SIZE, SIZE>;
+    type Column = SMatrix<f64, SIZE, 1>;
     type Filter = StateFilter<ANCHORS, SURFACES>;
 
     /// The joint covariance as one matrix.
-    fn dense(filter: &Filter) -> DMatrix<f64> {
+    fn dense(filter: &Filter) -> Dense {
         let c = &filter.covariance;
-        DMatrix::from_fn(SIZE, SIZE, |row, column| {
+        Dense::from_fn(|row, column| {
             let (row, column) = (row.max(column), row.min(column));
             f64::from(if row < 4 {
                 c.xx[(row, column)]
@@ -1187,11 +1189,11 @@ mod tests {
         })
     }
 
-    fn mean(filter: &Filter) -> DVector<f64> {
+    fn mean(filter: &Filter) -> Column {
         let m = &filter.mean;
         let surfaces = m.surfaces.iter().flat_map(|state| [state.x, state.y]);
         let all: Vec<f32> = m.agent.iter().copied().chain(m.bias_m).chain(surfaces).collect();
-        DVector::from_iterator(SIZE, all.into_iter().map(f64::from))
+        Column::from_iterator(all.into_iter().map(f64::from))
     }
 
     /// A filter in which everything depends on everything but the free slot.
@@ -1208,8 +1210,8 @@ mod tests {
             (seed >> 8) as f32 / 8_388_608.0 - 1.0
         };
         let is_free = |n: usize| n >= BEFORE && (n - BEFORE) / 2 == FREE;
-        let noise = DMatrix::from_fn(SIZE, SIZE, |row, _| if is_free(row) { 0.0 } else { draw() });
-        let whole = 0.01 * &noise * noise.transpose();
+        let noise = SMatrix::<f32, SIZE, SIZE>::from_fn(|row, _| if is_free(row) { 0.0 } else { draw() });
+        let whole = noise * noise.transpose() * 0.01;
         let c = &mut filter.covariance;
         let at = |row: usize, column: usize| whole[(row, column)];
         c.xx = Matrix4::from_fn(at);
@@ -1235,16 +1237,20 @@ mod tests {
     ];
 
     /// The form as rows over the whole state.
-    fn rows() -> DMatrix<f64> {
-        let mut rows = DMatrix::zeros(2, SIZE);
+    fn rows() -> SMatrix<f64, 2, SIZE> {
+        let mut rows = SMatrix::<f64, 2, SIZE>::zeros();
         for (slot, d) in FORM {
-            let own = DMatrix::from_fn(2, 2, |row, column| f64::from(d[(row, column)]));
-            rows.view_mut((0, BEFORE + 2 * slot), (2, 2)).copy_from(&own);
+            let own = Matrix2::from_fn(|row, column| f64::from(d[(row, column)]));
+            rows.fixed_view_mut::<2, 2>(0, BEFORE + 2 * slot).copy_from(&own);
         }
         rows
     }
 
-    fn assert_near(ours: &DMatrix<f64>, exact: &DMatrix<f64>, what: &str) {
+    fn assert_near<const COLUMNS: usize>(
+        ours: &SMatrix<f64, SIZE, COLUMNS>,
+        exact: &SMatrix<f64, SIZE, COLUMNS>,
+        what: &str,
+    ) {
         let worst = (ours - exact).abs().max();
         assert!(worst < 3e-6 * exact.abs().max().max(1.0), "{what}: {worst}");
     }
@@ -1254,18 +1260,19 @@ mod tests {
         let mut filter = filter();
         let (h, c, x) = (rows(), dense(&filter), mean(&filter));
         let own = filter.form_covariance(&FORM).unwrap();
-        let exact = &h * &c * h.transpose();
+        let exact = h * c * h.transpose();
         for (row, column) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
             assert!((f64::from(own[(row, column)]) - exact[(row, column)]).abs() < 1e-6);
         }
         let (gap, variance) = ([0.2, -0.1], 0.01);
         filter.constrain(&FORM, gap, variance);
-        let s = exact + f64::from(variance) * DMatrix::identity(2, 2);
-        let gain = &c * h.transpose() * s.clone().try_inverse().unwrap();
-        let moved = &x + &gain * DVector::from_vec(gap.map(f64::from).into());
-        let left = &c - &gain * s * gain.transpose();
-        let column = |vector: &DVector<f64>| DMatrix::from_column_slice(SIZE, 1, vector.as_slice());
-        assert_near(&column(&mean(&filter)), &column(&moved), "mean");
+        let s = exact + f64::from(variance) * Matrix2::identity();
+        let determinant = s.m11 * s.m22 - s.m12 * s.m21;
+        let inverse = Matrix2::new(s.m22, -s.m12, -s.m21, s.m11) / determinant;
+        let gain = c * h.transpose() * inverse;
+        let moved = x + gain * Vector2::from(gap.map(f64::from));
+        let left = c - gain * s * gain.transpose();
+        assert_near(&mean(&filter), &moved, "mean");
         assert_near(&dense(&filter), &left, "covariance");
     }
 
@@ -1278,10 +1285,10 @@ mod tests {
             let line = crate::model::surface::Line { centre_m: [1.0, 2.0], normal: [0.6, 0.8] };
             let state = Vector2::new(0.1, -0.2);
             assert!(filter.rebase(slot, Surface::Wall(line), state, &slopes));
-            let mut t = DMatrix::identity(SIZE, SIZE);
-            let own = DMatrix::from_fn(2, 2, |row, column| f64::from(slopes[(row, column)]));
-            t.view_mut((BEFORE + 2 * slot, BEFORE + 2 * slot), (2, 2)).copy_from(&own);
-            assert_near(&dense(&filter), &(&t * c * t.transpose()), "covariance");
+            let mut t = Dense::identity();
+            let own = Matrix2::from_fn(|row, column| f64::from(slopes[(row, column)]));
+            t.fixed_view_mut::<2, 2>(BEFORE + 2 * slot, BEFORE + 2 * slot).copy_from(&own);
+            assert_near(&dense(&filter), &(t * c * t.transpose()), "covariance");
             assert_eq!(
                 filter.surface(slot).map(|(surface, now, _)| (surface, now)),
                 Some((Surface::Wall(line), state))
@@ -1296,14 +1303,14 @@ mod tests {
             let mut filter = filter();
             let (c, x) = (dense(&filter), mean(&filter));
             assert!(filter.relocate(from, to));
-            let mut t = DMatrix::<f64>::identity(SIZE, SIZE);
+            let mut t = Dense::identity();
             for axis in 0..2 {
                 let (from, to) = (BEFORE + 2 * from + axis, BEFORE + 2 * to + axis);
                 t[(to, to)] = 0.0;
                 t[(to, from)] = 1.0;
                 t[(from, from)] = 0.0;
             }
-            assert_eq!(dense(&filter), &t * c * t.transpose(), "{from} to {to}");
+            assert_eq!(dense(&filter), t * c * t.transpose(), "{from} to {to}");
             assert_eq!(mean(&filter), t * x, "{from} to {to}");
             assert!(filter.surface(from).is_none() && filter.surface(to).is_some());
         }

@@ -30,15 +30,10 @@ impl<
     const ACTIONS: usize,
 > Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>
 {
-    /// A tracker at the start configured. `anchors`: 1 to `ANCHORS`; `map`: what is known of the surroundings; `actions`: 1
-    /// to `ACTIONS`; `seed`: of all randomness.
-    ///
-    /// Virtual anchors of the map take the first slots, each with a private surface; then come the sources that the plan
-    /// shows ([`crate::model::listing`]), the most useful first, as many as fit.
+    /// A tracker at the start configured that is told of its surroundings: [`Self::untold`], then [`Self::tell`].
     ///
     /// # Errors
     /// The first value out of range.
-    #[inline(always)] // built where it stays
     pub fn new(
         config: Config,
         anchors: &[Anchor],
@@ -46,6 +41,18 @@ impl<
         actions: &[Action],
         seed: u64,
     ) -> Result<Self, Error> {
+        let mut tracker = Self::untold(config, anchors, actions, seed)?;
+        tracker.tell(map)?;
+        Ok(tracker)
+    }
+
+    /// A tracker at the start configured that knows nothing of its surroundings. `anchors`: 1 to `ANCHORS`; `actions`: 1 to
+    /// `ACTIONS`; `seed`: of all randomness. It is built where it stays.
+    ///
+    /// # Errors
+    /// The first value out of range.
+    #[inline(always)] // built where it stays
+    pub fn untold(config: Config, anchors: &[Anchor], actions: &[Action], seed: u64) -> Result<Self, Error> {
         config.validate()?;
         let library = Library::new(actions)?;
         let Some(first) = library.get(config.controller.first_action) else {
@@ -62,16 +69,8 @@ impl<
             anchor.check(index)?;
             checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
         }
-        let given = map.virtual_anchors.len();
-        let limit = SURFACES.min(SOURCES);
-        if given > limit {
-            return Err(Error::VirtualAnchorCount { given, limit });
-        }
-        for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
-            mapped.check(slot, anchors.len())?;
-        }
         let Config { start, ranging, .. } = config;
-        let mut tracker = Self {
+        Ok(Self {
             receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
             belief: TagBelief::new(
                 config.motion,
@@ -101,23 +100,42 @@ impl<
             controllers: Controllers::new(config.controller, checked.len(), &library, seed),
             config,
             anchors: checked,
-            plan: match &map.plan {
-                Some(plan) => FloorPlan::new(plan)?,
-                None => FloorPlan::default(),
-            },
+            plan: FloorPlan::default(),
             library,
             cycle: 0,
             last_heard: start.agent(),
             begun: None,
             scans: Vec::new(),
-        };
-        let is_exact = config.exact_map;
-        enter_virtual_anchors(&mut tracker.filter, &mut tracker.environment, map.virtual_anchors, is_exact);
-        if let Some(plan) = &map.plan {
-            let Self { filter, environment, plan: kept, anchors, .. } = &mut tracker;
-            enter_plan(filter, environment, kept, plan, anchors, &config);
+        })
+    }
+
+    /// Tells a tracker of its surroundings, once, before its first cycle. Virtual anchors of the map take the first slots, each
+    /// with a private surface; then come the sources that the plan shows ([`crate::model::listing`]), the most useful first, as
+    /// many as fit.
+    ///
+    /// # Errors
+    /// The first value out of range, or [`Error::AlreadyTold`]; nothing has changed then.
+    pub fn tell(&mut self, map: &Map<'_>) -> Result<(), Error> {
+        if self.cycle > 0 || self.begun.is_some() || self.environment.iter().next().is_some() {
+            return Err(Error::AlreadyTold);
         }
-        Ok(tracker)
+        let given = map.virtual_anchors.len();
+        let limit = SURFACES.min(SOURCES);
+        if given > limit {
+            return Err(Error::VirtualAnchorCount { given, limit });
+        }
+        for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
+            mapped.check(slot, self.anchors.len())?;
+        }
+        let Self { config, anchors, filter, environment, plan, .. } = self;
+        if let Some(told) = &map.plan {
+            plan.keep(told)?;
+        }
+        enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);
+        if let Some(told) = &map.plan {
+            enter_plan(filter, environment, plan, told, anchors, config);
+        }
+        Ok(())
     }
 
     /// One cycle at once: what was received in the last `elapsed_s` seconds (one frame or scan per anchor at most, none for

@@ -14,7 +14,7 @@ use serde::Serialize;
 use std::path::Path;
 
 /// Rooms, and the anchors that are there.
-const ROOMS: [(&str, [usize; 2]); 2] = [("seminar-room", [0, 1]), ("l-shaped-office", [1, 2])];
+const ROOMS: [(&str, [usize; 2]); 2] = [("seminar-room", [0, 1]), ("l-shaped-office", [0, 1])];
 
 /// A run.
 #[derive(Clone, Debug, Serialize)]
@@ -45,15 +45,9 @@ pub fn run(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<Run>, InputErr
     let runs = pairs.par_iter().map(|((name, anchors), seed)| {
         let (mut scenario, _) = Scenario::find(name)?;
         let mut index = 0..;
-        let pair: Option<Vec<usize>> = std::env::var("COG_PAIR")
-            .ok()
-            .filter(|_| *name != "seminar-room")
-            .map(|text| text.split(',').map(|n| n.parse().unwrap_or(0)).collect());
-        let anchors: &[usize] = pair.as_deref().unwrap_or(anchors);
-        if std::env::var("COG_BARE").is_ok() {
-            scenario.people.clear();
-            scenario.room.inner_walls.clear();
-        }
+        // The room as such: nobody in it, and no partitions.
+        scenario.people.clear();
+        scenario.room.inner_walls.clear();
         scenario.anchors.retain(|_| index.next().is_some_and(|index| anchors.contains(&index)));
         scenario.prior.floor_plan.known = false;
         let way = seed.wrapping_sub(1) % scenario.trajectories.len() as u64;
