@@ -244,7 +244,7 @@ fn a_long_gap_grows_the_uncertainty_up_to_the_reach_of_the_radio() {
     let mut config = config();
     // At constant velocity, an hour leads anywhere.
     config.motion.velocity_decay_s = f32::INFINITY;
-    let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 5).unwrap();
+    let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 5).unwrap();
     let gap = tracker.cycle(&[], 3600.0, None).unwrap();
     let reach = config.motion.position_std_limit_m;
     assert!(gap.entropy_nat.is_finite());
@@ -265,7 +265,7 @@ fn hours_without_any_frame_leave_every_number_finite() {
         config.start.velocity_std_m_s = 1000.0;
         config.ranging.bias_std_m = 0.15;
         config.controller.reward = reward;
-        let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).unwrap();
+        let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
         for cycle in 0..3000 {
             let report = tracker.cycle(&[], 3600.0, None).unwrap();
             assert!(report.entropy_nat.is_finite() && report.reward.is_finite(), "cycle {cycle}: {report:?}");
@@ -284,7 +284,7 @@ fn frames_of_any_accepted_strength_leave_every_number_finite() {
         for quiet in [1.0_f32, 1e-10, 0.0] {
             let mut config = config();
             config.radio.full_scale = None;
-            let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).unwrap();
+            let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
             for cycle in 0..30 {
                 let frame = samples(cycle as f32).map(|sample| {
                     let loud = if sample[0].abs() > 20.0 { strength } else { strength * quiet };
@@ -303,7 +303,7 @@ fn configurations_out_of_range_are_refused() {
     let refuse = |change: fn(&mut Config), setting: Setting| {
         let mut config = config();
         change(&mut config);
-        let outcome = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).map(|_| ());
+        let outcome = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).map(|_| ());
         assert_eq!(outcome, Err(Error::Configuration(setting)));
     };
     refuse(|c| c.motion.acceleration_density_m2_s3 = f32::NAN, Setting::AccelerationDensity);
@@ -366,10 +366,7 @@ fn anchors_maps_and_libraries_out_of_range_are_refused() {
         Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 1).map(|_| ()).unwrap_err()
     };
     let plan = Plan { walls: &WALLS, segments: &SEGMENTS, ..Plan::default() };
-    assert_eq!(
-        planned(Plan { segments: &SEGMENTS.repeat(5), ..plan }),
-        Error::PlanSize { given: 5, limit: 4 }
-    );
+    assert_eq!(planned(Plan { segments: &[SEGMENTS[0]; 5], ..plan }), Error::PlanSize { given: 5, limit: 4 });
     assert_eq!(planned(Plan { segments: &[], ..plan }), Error::PlanWall { index: 0 });
     assert_eq!(planned(Plan { walls: &[], ..plan }), Error::PlanSegment { index: 0 });
     assert_eq!(planned(Plan { outline_m: &[[0.0; 2]; 2], ..plan }), Error::PlanOutline { index: 2 });
@@ -433,7 +430,7 @@ fn each_anchor_keeps_to_the_actions_it_may_use() {
     config.controller.per_anchor = true;
     config.controller.choice.exploration_per_s = 5.0;
     config.controller.first_action = 30;
-    let mut tracker = Small::new(config, &ANCHORS, &[], &LIBRARY_PUBLISHED, 1).unwrap();
+    let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
     assert_eq!(tracker.restrict(9, &[1]), Err(Error::UnknownAnchor { anchor: 9 }));
     assert_eq!(tracker.restrict(0, &[1, 40]), Err(Error::UnknownAction { action: 40 }));
     assert_eq!(tracker.restrict(0, &[]), Err(Error::Configuration(Setting::Restriction)));

@@ -3,7 +3,7 @@
 use cogmint::experiment::tracking::slam_ranges::SlamRanges;
 use cogmint::replay::{Setup, inputs};
 use cogmint::track::track;
-use cogmint_core::Tracker;
+use cogmint_core::{Map, Tracker};
 use std::path::Path;
 
 /// Runs of the test: a share by default, COGMINT_SLAM_RUNS for more.
@@ -40,8 +40,14 @@ fn fresh_seeds_are_tracked_from_two_anchors_and_no_map() {
 fn a_full_map_says_so_and_goes_on() {
     let recording = SlamRanges::default().record(2);
     let setup = Setup::new(&recording, Path::new("slam scenario"), None).unwrap();
-    let mut tracker =
-        Tracker::<2, 2, 16, 40>::new(setup.config, &setup.anchors, &[], &setup.actions, setup.seed).unwrap();
+    let mut tracker = Tracker::<2, 2, 2, 1, 16, 40>::new(
+        setup.config,
+        &setup.anchors,
+        &Map::default(),
+        &setup.actions,
+        setup.seed,
+    )
+    .unwrap();
     let (mut discovered, mut map_full) = (0, 0);
     for input in inputs(&recording) {
         let report = tracker.cycle(&input.observations(), input.elapsed_s, None).unwrap();

@@ -1,7 +1,7 @@
 //! The reduced filter against the textbook: a 2n+1-point unscented filter over the whole state in f64, and the
 //! covariance's definiteness over many cycles.
 
-use cogmint::reference::{range, soft_update, state_filter as twin};
+use cogmint::reference::{range, soft_update, state_filter as twin, surface};
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::soft_update::Moments;
@@ -284,7 +284,7 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
         for &slot in &slots {
             let place = [20.0 * noise.uniform() as f32 - 7.0, 20.0 * noise.uniform() as f32 - 5.0];
             assert!(insert(&mut filter, slot, place, 1.0));
-            reference.insert_independent(slot, place, 1.0);
+            reference.insert_independent(slot, surface::Surface::Private, place, [1.0; 2]);
         }
         for cycle in 0..300 {
             filter.predict(0.1);
@@ -306,7 +306,7 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                     )
                     .unwrap();
                 let sight = range::Sight { anchor_m: ANCHORS[anchor], height_m: [1.0, 0.4] };
-                let reference_line = reference.regress(source, &sight);
+                let reference_line = reference.regress(source, &sight, sequence(source).as_ref());
                 let weight = noise.uniform() as f32;
                 let first_m = weight * 0.1 * noise.normal() as f32;
                 let second_m2 = first_m * first_m / weight + 0.01 * noise.uniform() as f32;

@@ -7,7 +7,7 @@ use cogmint::recording::{
     Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Recording, Samples, Start,
     VirtualAnchor,
 };
-use cogmint::replay::{ACTIONS, PATHS, VAS};
+use cogmint::replay::{ACTIONS, PATHS, SOURCES};
 use cogmint_core::radio::pulse::{Pulse, SUPPORT};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -155,7 +155,7 @@ pub fn recording(seed: u64) -> Recording {
     let mut places = Draw::new(seed, 0);
     let anchors_m: Vec<[f64; 2]> = (0..anchors).map(|_| places.place_m(extent_m)).collect();
     let start_m = places.place_m(extent_m);
-    let virtual_anchors: Vec<VirtualAnchor> = (0..pick(seed, Field::Told, &[0, 8, 16, VAS]))
+    let virtual_anchors: Vec<VirtualAnchor> = (0..pick(seed, Field::Told, &[0, 8, 16, SOURCES]))
         .map(|index| {
             let anchor = match value(seed, Field::ToldOf) {
                 0 => 0,
@@ -195,6 +195,7 @@ pub fn recording(seed: u64) -> Recording {
             range_std_m: pick(seed, Field::RangeStd, &[1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0, 100.0]),
             range_bias_mean_m: 0.0,
             range_bias_std_m: bias_std_m,
+            range_floor_pulses: None,
         },
         anchors: anchors_m
             .iter()
