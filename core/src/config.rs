@@ -224,11 +224,9 @@ impl Config {
         for value in [forgetting_per_s, place_ln, hiding_per_s] {
             within(value, 0.0, 10.0, Setting::ChannelMemory)?;
         }
-        let DiscoverySettings { begin_below_m, resolved_hits, resolved_existence, resolved_weight } =
-            *discovery_settings;
+        let DiscoverySettings { begin_below_m, resolved_hits, resolved_weight } = *discovery_settings;
         within(begin_below_m, 1e-3, 1.0, Setting::DiscoveryBegin)?;
         within(f32::from(resolved_hits), 2.0, 1000.0, Setting::DiscoveryHits)?;
-        within(resolved_existence, 0.5, 0.99, Setting::DiscoveryExistence)?;
         within(resolved_weight, 0.5, 0.99999, Setting::DiscoveryWeight)?;
         match &radio.pulse_shape {
             PulseShape::RootRaisedCosine { roll_off } => within(*roll_off, 0.0, 1.0, Setting::RollOff)?,

@@ -178,7 +178,6 @@ pub enum Setting {
     SettledWithin,
     DiscoveryBegin,
     DiscoveryHits,
-    DiscoveryExistence,
     DiscoveryWeight,
     PulseDuration,
     RollOff,

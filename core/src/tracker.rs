@@ -5,6 +5,7 @@
 //! act.
 
 mod entries;
+pub mod joining;
 mod stages;
 mod start;
 mod state;
@@ -179,7 +180,7 @@ impl<
         let map = if acquiring || belief.is_doubtful() {
             MapChanges::default()
         } else {
-            revise_map(filter, environment, channel, discovery, clutter, &told, &outcomes, *cycle)
+            revise_map(filter, environment, channel, discovery, clutter, &told, &outcomes)
         };
 
         observer.stage(Stage::Act);

@@ -25,7 +25,7 @@ const fn block(path: &'static str, states: &'static [&'static str]) -> Block {
 pub const BASE: [&str; 5] = ["real", "trace", "error", "radio", "model"];
 
 /// The blocks in the order of the cycle.
-pub const BLOCKS: [Block; 18] = [
+pub const BLOCKS: [Block; 17] = [
     block("perceptor/channel_estimator", &["ChannelEstimator"]),
     block("perceptor/gain_control", &["GainControl"]),
     block("perceptor/scan", &[]),
@@ -37,7 +37,6 @@ pub const BLOCKS: [Block; 18] = [
     block("memory/environment", &["EnvironmentMemory"]),
     block("memory/transmission", &["TransmissionMemory"]),
     block("memory/discovery", &["Discovery"]),
-    block("memory/joining", &[]),
     block("memory/clutter", &["ClutterMemory"]),
     block("memory/channel", &["ChannelMemory"]),
     block("information", &[]),

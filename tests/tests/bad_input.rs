@@ -326,7 +326,6 @@ fn configurations_out_of_range_are_refused() {
     refuse(|c| c.acquisition.settled_within_m = 0.0, Setting::SettledWithin);
     refuse(|c| c.discovery_settings.begin_below_m = 2.0, Setting::DiscoveryBegin);
     refuse(|c| c.discovery_settings.resolved_hits = 1, Setting::DiscoveryHits);
-    refuse(|c| c.discovery_settings.resolved_existence = 1.0, Setting::DiscoveryExistence);
     refuse(|c| c.discovery_settings.resolved_weight = 1.0, Setting::DiscoveryWeight);
     refuse(|c| c.controller.choice.temperature_nat = 0.0, Setting::Temperature);
     refuse(|c| c.controller.horizon = 0, Setting::Horizon);

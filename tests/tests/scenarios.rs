@@ -153,7 +153,8 @@ fn complete() -> Vec<toml::Table> {
         clutter_per_anchor = 0.1
         max_range_m = 30.0
         range_bias_std_m = 0.0
-        floor_plan = { known = true, exact = false, told = "walls", wall_offset_std_m = 0.05, wall_rotation_std_deg = 0.5, first_order_std_m = 0.1, higher_order_std_m = 0.2, max_virtual_anchors = 24, room = { corners_m = [[0.0, 0.0], [6.0, 0.0], [6.0, 4.0]] } }
+        range_floor_pulses = 0.1
+        floor_plan = { known = true, exact = false, told = "walls", wall_offset_std_m = 0.05, wall_rotation_std_deg = 0.5, turn_std_deg = 0.5, first_order_std_m = 0.1, higher_order_std_m = 0.2, max_virtual_anchors = 24, room = { corners_m = [[0.0, 0.0], [6.0, 0.0], [6.0, 4.0]] } }
     "#;
     let variant = |pulse, library, window| {
         let text = everything.replace("PULSE", pulse).replace("LIBRARY", library).replace("WINDOW", window);

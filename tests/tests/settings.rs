@@ -13,7 +13,7 @@ const ROOTS: [&str; 2] = ["Config", "WaypointSettings"];
 const CLASSES: [&str; 4] = ["Mathematics: ", "Guard: ", "Capacity: ", TUNED];
 /// What is none of these and no setting yet: a number that was tried out. They become settings, follow from others, or go.
 const TUNED: &str = "Tuned: ";
-const MOST_TUNED: u32 = 19;
+const MOST_TUNED: u32 = 39;
 fn core_source() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../core/src")
 }

@@ -366,7 +366,8 @@ fn covariance<const A: usize, const V: usize>(filter: &StateFilter<A, V>) -> DMa
     let (biases, slots) = (4, 4 + A);
     let n = slots + 2 * V;
     let mut c = DMatrix::<f64>::zeros(n, n);
-    let mut numbers = numbers.into_iter().skip(n);
+    // The means, and what each surface is: all private here.
+    let mut numbers = numbers.into_iter().skip(n + V);
     let mut block = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
         for column in columns {
             for row in rows.clone() {

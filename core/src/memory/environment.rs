@@ -84,6 +84,20 @@ pub struct SurfaceRecord {
     pub existence: f32,
     /// Whether a plan tells of it: it is then never forgotten.
     pub is_told: bool,
+    /// Whether it was discovered, and may be joined with others. A virtual anchor that was told by its position stays what was
+    /// told: a random variable of its own.
+    pub may_join: bool,
+}
+
+/// Where a surface is known from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// A plan tells of it.
+    Plan,
+    /// A virtual anchor was told by its position.
+    Position,
+    /// It was discovered.
+    Discovered,
 }
 
 /// The sources and their surfaces by slot.
@@ -91,11 +105,13 @@ pub struct SurfaceRecord {
 pub struct EnvironmentMemory<const SURFACES: usize, const SOURCES: usize> {
     sources: [Option<Record>; SOURCES],
     surfaces: [Option<SurfaceRecord>; SURFACES],
+    /// Whose turn it is to be joined, counted on.
+    turn: u32,
 }
 
 impl<const SURFACES: usize, const SOURCES: usize> Default for EnvironmentMemory<SURFACES, SOURCES> {
     fn default() -> Self {
-        Self { sources: [None; SOURCES], surfaces: [None; SURFACES] }
+        Self { sources: [None; SOURCES], surfaces: [None; SURFACES], turn: 0 }
     }
 }
 
@@ -125,15 +141,31 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         sequence.surfaces().fold(1.0, |product, slot| product * of(slot))
     }
 
+    /// Counts the turns on in which images are compared with the others. Returns the one that it was.
+    pub fn next_turn(&mut self) -> u32 {
+        let turn = self.turn;
+        self.turn = turn.wrapping_add(1);
+        turn
+    }
+
+    /// The turn that is next.
+    pub fn turn(&self) -> u32 {
+        self.turn
+    }
+
     /// The first free slot of a source.
     pub fn free_slot(&self) -> Option<usize> {
         self.sources.iter().position(Option::is_none)
     }
 
     /// Fills a free slot with a surface; does nothing where it is taken or does not exist.
-    pub fn insert_surface(&mut self, slot: usize, existence: f32, is_told: bool) {
+    pub fn insert_surface(&mut self, slot: usize, existence: f32, origin: Origin) {
         if let Some(place @ None) = self.surfaces.get_mut(slot) {
-            *place = Some(SurfaceRecord { existence: smaller(existence, MOST_CERTAIN), is_told });
+            *place = Some(SurfaceRecord {
+                existence: smaller(existence, MOST_CERTAIN),
+                is_told: origin == Origin::Plan,
+                may_join: origin == Origin::Discovered,
+            });
         }
     }
 
@@ -380,7 +412,7 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
             room = self.room();
         }
         let Some((slot, surface)) = room else { return Admission::Full };
-        self.insert_surface(surface, TOLD, false);
+        self.insert_surface(surface, TOLD, Origin::Discovered);
         self.insert(slot, anchor, Sequence::of(surface as u8), 1);
         Admission::Entered { slot, surface, replaced }
     }
@@ -398,7 +430,7 @@ mod tests {
     /// Existence after `scans` scans without a path that is there with probability `detection`.
     fn after_misses(hits: u32, detection: f32, sighting: Sighting, scans: usize) -> f32 {
         let mut memory = EnvironmentMemory::<1, 1>::default();
-        memory.insert_surface(0, 0.9, false);
+        memory.insert_surface(0, 0.9, Origin::Discovered);
         memory.insert(0, 0, Sequence::of(0), hits);
         for _ in 0..scans {
             memory.predict(1e-4, 0.1);

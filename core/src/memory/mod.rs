@@ -5,5 +5,4 @@ pub mod channel;
 pub mod clutter;
 pub mod discovery;
 pub mod environment;
-pub mod joining;
 pub mod transmission;

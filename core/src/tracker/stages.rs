@@ -1,12 +1,12 @@
 //! The stages of a cycle that join the states of several blocks.
 
+use super::joining::join;
 use super::values::{Known, Place, Told, detections_anywhere, discovery_view};
 use crate::controller::{Controller, Controllers};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
-use crate::memory::joining::join;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
 use crate::model::motion::{Agent, ProcessNoise};
@@ -329,7 +329,6 @@ pub(super) fn revise_map<
     clutter: &ClutterMemory<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
-    cycle: u32,
 ) -> MapChanges {
     let mut changes = MapChanges::default();
     let removed = environment.revise(|environment, slot| placed(told, environment, filter, slot));
@@ -380,7 +379,11 @@ pub(super) fn revise_map<
             }
         }
     }
-    if let Some(joined) = join(filter, environment, told.anchors, told.config.ranging.max_range_m, cycle) {
+    // Cycles in which nothing is heard change nothing.
+    if outcomes.is_empty() {
+        return changes;
+    }
+    if let Some(joined) = join(filter, environment, told.anchors, told.config.ranging.max_range_m) {
         changes.joined += 1;
         if let Some(removed) = joined.removed {
             take_out(filter, channel, &removed);

@@ -1,7 +1,7 @@
 //! What is told before the start: virtual anchors and a plan become surfaces and sources.
 
 use crate::config::Config;
-use crate::memory::environment::{EnvironmentMemory, TOLD};
+use crate::memory::environment::{EnvironmentMemory, Origin, TOLD};
 use crate::model::anchor::{Anchor, MappedVirtualAnchor};
 use crate::model::image::Sequence;
 use crate::model::listing::{Listed, list};
@@ -22,7 +22,7 @@ pub(super) fn enter_virtual_anchors<const ANCHORS: usize, const SURFACES: usize,
         let std_m = if is_exact { 0.0 } else { mapped.std_m };
         let [x, y] = mapped.position_m;
         filter.insert_independent(slot, Surface::Private, Vector2::new(x, y), [std_m; 2]);
-        environment.insert_surface(slot, TOLD, false);
+        environment.insert_surface(slot, TOLD, Origin::Position);
         environment.insert(slot, mapped.anchor, Sequence::of(slot as u8), 0);
     }
 }
@@ -89,7 +89,7 @@ fn surface_of<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize,
     let slot = filter.free_slot()?;
     let std = if is_exact { [0.0; 2] } else { [told.offset_std_m, told.rotation_std_rad] };
     filter.insert_independent(slot, Surface::Wall(line), Vector2::new(0.0, 0.0), std);
-    environment.insert_surface(slot, TOLD, true);
+    environment.insert_surface(slot, TOLD, Origin::Plan);
     plan.assign(wall, slot as u8);
     Some(slot as u8)
 }

@@ -226,6 +226,7 @@ impl<
         for slot in 0..SURFACES {
             hash.float(self.environment.surface(slot).map_or(-1.0, |record| record.existence));
         }
+        hash.word(self.environment.turn());
         self.transmission.visit(|v| hash.float(v));
         self.channel.visit(|v| hash.float(v));
         self.discovery.visit(|v| hash.float(v));

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
 
-/// Rooms, and the anchors that are there.
+/// Rooms as they stand, with their first two anchors.
 const ROOMS: [(&str, [usize; 2]); 2] = [("seminar-room", [0, 1]), ("l-shaped-office", [0, 1])];
 
 /// A run.
@@ -45,9 +45,6 @@ pub fn run(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<Run>, InputErr
     let runs = pairs.par_iter().map(|((name, anchors), seed)| {
         let (mut scenario, _) = Scenario::find(name)?;
         let mut index = 0..;
-        // The room as such: nobody in it, and no partitions.
-        scenario.people.clear();
-        scenario.room.inner_walls.clear();
         scenario.anchors.retain(|_| index.next().is_some_and(|index| anchors.contains(&index)));
         scenario.prior.floor_plan.known = false;
         let way = seed.wrapping_sub(1) % scenario.trajectories.len() as u64;

@@ -41,12 +41,37 @@ pub const SEGMENTS: [PlanSegment; 6] = [
     PlanSegment { wall: 5, ends_m: [[1.5, 6.5], [4.0, 6.5]] },
 ];
 
-/// The plan.
+/// The plan. The core lists these sources, the most useful first:
+///
+/// - south-west, wall 0
+/// - south-west, wall 3
+/// - south-east, wall 0
+/// - south-east, wall 1
+/// - north-east, wall 1
+/// - north-east, wall 2
+/// - north-east, wall 3
+/// - north-west, wall 0
+/// - north-west, wall 1
+/// - north-west, wall 2
+/// - north-west, wall 3
+/// - north-east, wall 0
+/// - south-east, wall 2
+/// - south-east, wall 3
+/// - south-west, wall 2
+/// - south-west, wall 1
+/// - south-west, walls 0 and 3
+/// - south-east, walls 0 and 1
+/// - north-east, walls 1 and 2
+/// - north-east, walls 1 and 3
+/// - north-east, walls 2 and 3
+/// - north-west, walls 0 and 3
+/// - north-west, walls 1 and 3
+/// - north-west, walls 2 and 0
 pub const PLAN: Plan<'static> = Plan {
     outline_m: &OUTLINE_M,
     walls: &WALLS,
     segments: &SEGMENTS,
-    turn_std_rad: 0.0,
+    turn_std_rad: 0.008726646,
     reflections: 2,
     most_sources: 24,
 };

@@ -50,8 +50,6 @@ pub struct DiscoverySettings {
     /// Ranges that a candidate has had at least when it is taken for a virtual anchor (2 to 1000). Less: sooner, and more false
     /// virtual anchors. Chosen on development rooms.
     pub resolved_hits: u16,
-    /// Probability that there is one (0.5 to 0.99). Less: more false virtual anchors. Chosen on development rooms.
-    pub resolved_existence: f32,
     /// Probability of the one place taken (0.5 to 0.99999). Less: sooner, and now and then its mirror image. Chosen on
     /// development rooms.
     pub resolved_weight: f32,
@@ -59,7 +57,7 @@ pub struct DiscoverySettings {
 
 impl Default for DiscoverySettings {
     fn default() -> Self {
-        Self { begin_below_m: 0.05, resolved_hits: 20, resolved_existence: 0.9, resolved_weight: 0.9995 }
+        Self { begin_below_m: 0.05, resolved_hits: 20, resolved_weight: 0.9995 }
     }
 }
 

@@ -13,7 +13,7 @@ use crate::reference::real::{Real, exp, larger, limited, pi, smaller, sqrt, squa
 use crate::reference::soft_update::Moments;
 use cogmint_core::memory::discovery::candidate::{
     DETECTION_PRIOR, FIRST_DIRECTION, HYPOTHESIS_GATE2, LEAST_EXISTENCE, LIGHTEST, MOST_EXISTENCE,
-    NEXT_DIRECTION,
+    NEXT_DIRECTION, RESOLVED_EXISTENCE,
 };
 use cogmint_core::memory::discovery::{DiscoverySettings, GATE, HYPOTHESES};
 use cogmint_core::model::detection::HIDDEN_DETECTION;
@@ -220,7 +220,7 @@ impl<T: Real> Candidate<T> {
     /// The discovery, once the hypotheses beside the heaviest hold nearly all weight and make a Gaussian in the plane.
     pub fn resolved(&self, settings: &DiscoverySettings) -> Option<Discovered<T>> {
         let num = T::of;
-        let uncertain = self.existence < num(settings.resolved_existence);
+        let uncertain = self.existence < num(RESOLVED_EXISTENCE);
         if self.hits < settings.resolved_hits || uncertain || self.missed {
             return None;
         }

@@ -19,7 +19,7 @@
 //!
 //! Work: one image per cycle is compared with at most S + S^2 explanations, of S surfaces.
 
-use super::environment::{CONFIRMED, EnvironmentMemory, Removed};
+use crate::memory::environment::{CONFIRMED, EnvironmentMemory, Removed};
 use crate::model::anchor::Anchor;
 use crate::model::image::{Image, Sequence};
 use crate::model::surface::{Line, Surface};
@@ -114,8 +114,8 @@ pub fn join<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
     environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
     anchors: &[Anchor],
     max_range_m: f32,
-    turn: u32,
 ) -> Option<Joined> {
+    let turn = environment.next_turn();
     let is_private = |slot: usize| own(filter, environment, anchors, slot).is_some();
     let count = (0..SOURCES).filter(|slot| is_private(*slot)).count();
     let turn = (turn as usize).checked_rem(count)?;
@@ -162,7 +162,7 @@ fn own<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
     let record = environment.get(slot)?;
     let surface = usize::from(record.sequence.first);
     let (Surface::Private, position_m, covariance_m2) = filter.surface(surface)? else { return None };
-    if environment.existence(slot) <= CONFIRMED {
+    if environment.existence(slot) <= CONFIRMED || !environment.surface(surface)?.may_join {
         return None;
     }
     let anchor = record.anchor;
