@@ -482,6 +482,8 @@ impl Comparison {
                 self.float(stage, format_args!("existence of surface {slot}"), a.existence, b.existence);
                 let name = format_args!("whether a plan tells of surface {slot}");
                 self.count(stage, name, u64::from(a.is_told), u64::from(b.is_told));
+                let name = format_args!("whether surface {slot} may be joined");
+                self.count(stage, name, u64::from(a.may_join), u64::from(b.may_join));
             }
         }
         for slot in 0..SOURCES {
@@ -641,6 +643,7 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     for surface in &reference.environment.surfaces {
         hash.float(surface.map_or(-1.0, |record| record.existence));
     }
+    hash.word(reference.environment.turn);
     reference.transmission.visit(&mut |_, value| hash.float(value));
     reference.channel.visit(&mut |_, value| hash.float(value));
     reference.discovery.visit(&mut |_, value| hash.float(value));

@@ -268,7 +268,7 @@ impl<T: Real> Reference<T> {
         if !acquiring && !belief.is_doubtful() {
             look_through(transmission, &told, walls, &Place::of(&filter.agent()), &outcomes);
             let mut map = Revision { filter, environment, channel, discovery, joining };
-            changes = map.revise(&told, clutter, &outcomes, self.cycle);
+            changes = map.revise(&told, clutter, &outcomes);
         }
 
         // Reward, learn, plan, act.

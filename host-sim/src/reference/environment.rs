@@ -8,7 +8,7 @@ use super::Square;
 use super::clock::probability;
 use super::real::{Real, smaller, square};
 pub use cogmint_core::memory::environment::CONFIRMED;
-use cogmint_core::memory::environment::{FORGOTTEN, LOOKS_PER_S, MOST_CERTAIN, NEAR_M};
+use cogmint_core::memory::environment::{FORGOTTEN, LOOKS_PER_S, MOST_CERTAIN, NEAR_M, Origin};
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::source::Source;
 use cogmint_core::perceptor::expectation::Sighting;
@@ -33,6 +33,8 @@ pub struct SurfaceRecord<T> {
     pub existence: T,
     /// Whether a plan tells of it.
     pub is_told: bool,
+    /// Whether it was discovered.
+    pub may_join: bool,
 }
 
 /// A source taken out, and the surfaces that went with it.
@@ -64,12 +66,14 @@ pub struct EnvironmentMemory<T> {
     pub sources: Vec<Option<Record>>,
     /// `None` where a slot is free.
     pub surfaces: Vec<Option<SurfaceRecord<T>>>,
+    /// Whose turn it is to be joined.
+    pub turn: u32,
 }
 
 impl<T: Real> EnvironmentMemory<T> {
     /// A memory of so many free slots.
     pub fn new(surfaces: usize, sources: usize) -> Self {
-        Self { sources: vec![None; sources], surfaces: vec![None; surfaces] }
+        Self { sources: vec![None; sources], surfaces: vec![None; surfaces], turn: 0 }
     }
 
     /// Slots and records of all sources.
@@ -135,9 +139,10 @@ impl<T: Real> EnvironmentMemory<T> {
     }
 
     /// Fills a free slot with a surface.
-    pub fn insert_surface(&mut self, slot: usize, existence: T, is_told: bool) {
+    pub fn insert_surface(&mut self, slot: usize, existence: T, origin: Origin) {
         let existence = smaller(existence, T::of(MOST_CERTAIN));
-        self.surfaces[slot] = Some(SurfaceRecord { existence, is_told });
+        let (is_told, may_join) = (origin == Origin::Plan, origin == Origin::Discovered);
+        self.surfaces[slot] = Some(SurfaceRecord { existence, is_told, may_join });
     }
 
     /// Fills a free slot with a source; `hits` scans have shown it so far.

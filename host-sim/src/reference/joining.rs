@@ -20,16 +20,16 @@ use super::state_filter::StateFilter;
 use super::surface::{Line, Surface, dot, less};
 use super::{Square, product, transposed};
 use cogmint_core::Anchor;
-use cogmint_core::memory::joining::{
+use cogmint_core::model::image::Sequence;
+use cogmint_core::model::source::Source;
+use cogmint_core::tracker::joining::{
     CERTAIN, FIRST, LEAST_SKEW, MOVED, MOVED_STD_M, NEAREST_M, PATH_STD_M, RIGHT_ANGLE_DEVIATIONS, SECOND,
     SKEW, TURNED_STD_RAD,
 };
-use cogmint_core::model::image::Sequence;
-use cogmint_core::model::source::Source;
 
 /// The core's constants, kept as values, so that a test can change one.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // those of `cogmint_core::memory::joining`
+#[allow(missing_docs)] // those of `cogmint_core::tracker::joining`
 pub struct Constants {
     pub certain: f32,
     pub first: f32,
@@ -156,7 +156,9 @@ pub struct Joining<'a, T> {
 
 impl<T: Real> Joining<'_, T> {
     /// Joins the private image of the turn to what explains it, if anything does.
-    pub fn join(&mut self, turn: u32) -> Option<Joined> {
+    pub fn join(&mut self) -> Option<Joined> {
+        let turn = self.environment.turn;
+        self.environment.turn = turn.wrapping_add(1);
         let lone = self.lone();
         if lone.is_empty() {
             return None;
@@ -203,6 +205,7 @@ impl<T: Real> Joining<'_, T> {
             let existence = self.environment.existence(Source::Virtual { anchor, slot: source });
             if let Some((Surface::Private, position_m, covariance_m2)) = self.filter.surface(surface)
                 && existence > T::of(CONFIRMED)
+                && self.environment.surfaces[surface].is_some_and(|record| record.may_join)
             {
                 let anchor_m = self.anchor_m(anchor);
                 all.push(Lone { source, anchor, anchor_m, surface, position_m, covariance_m2 });

@@ -10,7 +10,7 @@ use super::known::{Prospect, Told, detection, discovery_view};
 use super::real::{Real, square};
 use super::receiver::Scan;
 use super::state_filter::StateFilter;
-use cogmint_core::memory::environment::{NEAR_M, TOLD};
+use cogmint_core::memory::environment::{NEAR_M, Origin, TOLD};
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::source::Source;
 
@@ -42,13 +42,12 @@ pub struct Map<'a, T> {
 }
 
 impl<T: Real> Map<'_, T> {
-    /// Revises the map by the scans of a cycle, whose number says whose turn it is to be joined.
+    /// Revises the map by the scans of a cycle.
     pub fn revise(
         &mut self,
         told: &Told<'_, T>,
         clutter: &ClutterMemory<T>,
         outcomes: &[Outcome<T>],
-        cycle: u32,
     ) -> Changes {
         let mut changes = Changes::default();
         let records = self.environment.sources.clone();
@@ -82,6 +81,10 @@ impl<T: Real> Map<'_, T> {
                 self.take_in(told, scan, &found, &mut changes);
             }
         }
+        // Where nothing was heard, nobody's turn comes.
+        if outcomes.is_empty() {
+            return changes;
+        }
         let mut joining = Joining {
             filter: &mut *self.filter,
             environment: &mut *self.environment,
@@ -89,7 +92,7 @@ impl<T: Real> Map<'_, T> {
             max_range_m: told.config.ranging.max_range_m,
             constants: self.joining,
         };
-        if let Some(joined) = joining.join(cycle) {
+        if let Some(joined) = joining.join() {
             changes.joined += 1;
             if let Some(removed) = joined.removed {
                 self.take_out(&removed);
@@ -123,7 +126,7 @@ impl<T: Real> Map<'_, T> {
             return;
         };
         self.filter.insert_relative(surface, found.position_m, found.gain, found.covariance_m2);
-        self.environment.insert_surface(surface, T::of(TOLD), false);
+        self.environment.insert_surface(surface, T::of(TOLD), Origin::Discovered);
         self.environment.insert(slot, scan.anchor, Sequence::of(surface as u8), 1);
         changes.discovered += 1;
     }

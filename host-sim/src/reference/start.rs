@@ -6,7 +6,7 @@ use super::plan::FloorPlan;
 use super::real::{Real, square};
 use super::state_filter::StateFilter;
 use super::surface::Surface;
-use cogmint_core::memory::environment::TOLD;
+use cogmint_core::memory::environment::{Origin, TOLD};
 use cogmint_core::model::image::Sequence;
 use cogmint_core::{Anchor, Config, MappedVirtualAnchor, Plan};
 
@@ -25,7 +25,7 @@ impl<T: Real> Start<'_, T> {
             let std_m = if config.exact_map { T::ZERO } else { T::of(mapped.std_m) };
             let position_m = mapped.position_m.map(T::of);
             self.filter.insert_independent(slot, Surface::Private, position_m, [std_m; 2]);
-            self.environment.insert_surface(slot, T::of(TOLD), false);
+            self.environment.insert_surface(slot, T::of(TOLD), Origin::Position);
             self.environment.insert(slot, mapped.anchor, Sequence::of(slot as u8), 0);
         }
     }
@@ -73,7 +73,7 @@ impl<T: Real> Start<'_, T> {
             let told = [wall.told.offset_std_m, wall.told.rotation_std_rad].map(T::of);
             let std = if is_exact { [T::ZERO; 2] } else { told };
             self.filter.insert_independent(slot, Surface::Wall(wall.line), [T::ZERO; 2], std);
-            self.environment.insert_surface(slot, T::of(TOLD), true);
+            self.environment.insert_surface(slot, T::of(TOLD), Origin::Plan);
             wall.surface = Some(slot);
         }
         wall.surface.map(|slot| slot as u8)
