@@ -217,7 +217,7 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
                 Sequence { first: first.slot as u8, second: Some(second.slot as u8), is_either_order };
             if !known(&sequence) {
                 let images = Explanation::Images { first: *first, second: Some(*second), is_either_order };
-                pairs.enter(density(filter, own_image, first, Some(second)), images);
+                pairs = pairs.and(density(filter, own_image, first, Some(second)), images);
             }
         }
     }
@@ -225,7 +225,7 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
     let mut moved = Best::default();
     for (wall, line) in doubted {
         if let Some((density, explanation)) = elsewhere_density(own_image, wall, line) {
-            moved.enter(density, explanation);
+            moved = moved.and(density, explanation);
         }
     }
     // One reflection: by the anchor whose images imply the wall; then by the walls of the map.
@@ -243,7 +243,7 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
         for face in of(group) {
             if is_same_side(anchors, own_image, face) {
                 let images = Explanation::Images { first: *face, second: None, is_either_order: false };
-                single.enter(density(filter, own_image, face, None), images);
+                single = single.and(density(filter, own_image, face, None), images);
             }
         }
         let first = single.weight(FIRST, count);
@@ -270,12 +270,14 @@ struct Best {
 }
 
 impl Best {
-    fn enter(&mut self, density: f32, explanation: Explanation) {
+    /// With one more.
+    fn and(mut self, density: f32, explanation: Explanation) -> Self {
         self.tried += 1;
         self.sum += density;
         if self.best.is_none_or(|(best, _)| density > best) {
             self.best = Some((density, explanation));
         }
+        self
     }
 
     /// The sum, with a prior shared by so many.
