@@ -94,6 +94,8 @@ pub struct Coverage {
     pub discovered: u64,
     /// Virtual anchors forgotten.
     pub forgotten: u64,
+    /// Images joined to a surface of others.
+    pub joined: u64,
     /// Discoveries dropped because the map was full.
     pub map_full: u64,
     /// Cycles after which it was not known yet where the tag is.
@@ -591,6 +593,7 @@ impl Comparison {
             ("lost", u32::from(a.lost), u32::from(b.lost)),
             ("discovered", a.discovered, b.discovered),
             ("forgotten", a.forgotten, b.forgotten),
+            ("joined", a.joined, b.joined),
             ("map full", a.map_full, b.map_full),
         ];
         for (name, a, b) in counts {
@@ -720,6 +723,7 @@ impl Coverage {
         self.left_out += u64::from(report.left_out);
         self.discovered += u64::from(report.discovered);
         self.forgotten += u64::from(report.forgotten);
+        self.joined += u64::from(report.joined);
         self.map_full += u64::from(report.map_full);
         self.action_changes += u64::from(report.action != report.next_action);
         self.refused_cycles += u64::from(taken.refused.is_some());

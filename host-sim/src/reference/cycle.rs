@@ -10,6 +10,7 @@ use super::controllers::Controllers;
 use super::discovery::Discovery;
 use super::environment::EnvironmentMemory;
 use super::information::position_entropy_nat;
+use super::joining;
 use super::known::{Expected, Known, Place, Told, discovery_view, outlook, walls_now};
 use super::loss::evidence_nat;
 use super::manoeuvre::{is_doubtful, is_manoeuvre};
@@ -62,6 +63,7 @@ pub struct Report<T> {
     pub nis: T,
     pub discovered: u32,
     pub forgotten: u32,
+    pub joined: u32,
     pub map_full: u32,
     pub action: usize,
     pub next_action: usize,
@@ -101,6 +103,8 @@ pub struct Reference<T> {
     pub transmission: TransmissionMemory<T>,
     /// Candidates for virtual anchors.
     pub discovery: Discovery<T>,
+    /// When images are joined; it stays as it is.
+    pub joining: joining::Constants,
     /// What nothing explains.
     pub clutter: ClutterMemory<T>,
     /// How well sources are heard.
@@ -154,6 +158,7 @@ impl<T: Real> Reference<T> {
             filter,
             environment,
             transmission: TransmissionMemory::new(capacity.segments),
+            joining: joining::Constants::default(),
             discovery: Discovery::new(capacity.anchors, config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &config.ranging, capacity.anchors),
             channel,
@@ -175,7 +180,7 @@ impl<T: Real> Reference<T> {
     ) -> Intermediates<T> {
         let elapsed_s = T::of(elapsed_s);
         let Self { config, anchors, plan, library, receiver, belief, filter, environment, .. } = self;
-        let Self { transmission, discovery, clutter, channel, controllers, last_heard, .. } = self;
+        let Self { transmission, discovery, clutter, channel, controllers, last_heard, joining, .. } = self;
         let told = Told { config, anchors, library, tag_height };
 
         // Receive and estimate.
@@ -262,8 +267,8 @@ impl<T: Real> Reference<T> {
         let mut changes = Changes::default();
         if !acquiring && !belief.is_doubtful() {
             look_through(transmission, &told, walls, &Place::of(&filter.agent()), &outcomes);
-            let mut map = Revision { filter, environment, channel, discovery };
-            changes = map.revise(&told, clutter, &outcomes);
+            let mut map = Revision { filter, environment, channel, discovery, joining };
+            changes = map.revise(&told, clutter, &outcomes, self.cycle);
         }
 
         // Reward, learn, plan, act.
@@ -299,6 +304,7 @@ impl<T: Real> Reference<T> {
             nis: normalised_innovation(certain),
             discovered: changes.discovered,
             forgotten: changes.forgotten,
+            joined: changes.joined,
             map_full: changes.map_full,
             action: decision.applied,
             next_action: decision.next,

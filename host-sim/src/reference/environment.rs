@@ -35,13 +35,13 @@ pub struct SurfaceRecord<T> {
     pub is_told: bool,
 }
 
-/// A source taken out, and the surface that went with it.
+/// A source taken out, and the surfaces that went with it.
 #[derive(Clone, Copy, Debug)]
 pub struct Removed {
     /// Slot of the source.
     pub slot: usize,
-    /// Slot of the surface.
-    pub surface: Option<usize>,
+    /// Slots of the surfaces.
+    pub surfaces: [Option<usize>; 2],
 }
 
 /// What association made of a source in a scan.
@@ -199,14 +199,48 @@ impl<T: Real> EnvironmentMemory<T> {
         })
     }
 
-    /// Takes a source out, and the surface that is its alone.
-    fn remove(&mut self, slot: usize) -> Removed {
-        let surface = self.only_surface_of(slot);
-        if let Some(surface) = surface {
-            self.surfaces[surface] = None;
+    /// Takes a source out, and the surfaces that are its alone.
+    pub fn remove(&mut self, slot: usize) -> Removed {
+        let mut surfaces = [None; 2];
+        for gone in &mut surfaces {
+            *gone = self.only_surface_of(slot);
+            if let Some(surface) = *gone {
+                self.surfaces[surface] = None;
+            }
         }
         self.sources[slot] = None;
-        Removed { slot, surface }
+        Removed { slot, surfaces }
+    }
+
+    /// The source that is this image of an anchor.
+    pub fn source_of(&self, anchor: usize, sequence: &Sequence) -> Option<usize> {
+        let all = self.in_use();
+        let same = all.iter().find(|(_, record)| record.anchor == anchor && record.sequence == *sequence);
+        same.map(|(slot, _)| *slot)
+    }
+
+    /// A source is seen in these surfaces, not in its private one, which is gone. They exist unless neither did:
+    /// 1 - r <- (1 - r) (1 - r_private).
+    pub fn join(&mut self, slot: usize, sequence: Sequence) {
+        let Some(record) = &mut self.sources[slot] else { return };
+        let private = usize::from(record.sequence.first);
+        record.sequence = sequence;
+        let Some(SurfaceRecord { existence: seen, .. }) = self.surfaces[private].take() else { return };
+        for surface in sequence.surfaces() {
+            if let Some(record) = &mut self.surfaces[surface] {
+                let neither = (T::ONE - record.existence) * (T::ONE - seen);
+                record.existence = smaller(T::ONE - neither, T::of(MOST_CERTAIN));
+            }
+        }
+    }
+
+    /// A wall exists if the image of a source does.
+    pub fn restore(&mut self, wall: usize, slot: usize) {
+        let Some(Record { anchor, .. }) = self.sources[slot] else { return };
+        let existence = self.existence(Source::Virtual { anchor, slot });
+        if let Some(wall) = &mut self.surfaces[wall] {
+            wall.existence = existence;
+        }
     }
 
     /// Takes out the source that tells least, existence times detection probability, if that is at most one half (the first of

@@ -1,10 +1,11 @@
-//! The life of the map: improbable surfaces are forgotten, doubled images merged, resolved candidates taken in.
+//! The life of the map: improbable surfaces are forgotten, doubled images merged, resolved candidates taken in, images joined.
 
 use super::association::outcome::Outcome;
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::discovery::{Discovered, Discovery};
 use super::environment::{EnvironmentMemory, Removed};
+use super::joining::{self, Joining};
 use super::known::{Prospect, Told, detection, discovery_view};
 use super::real::{Real, square};
 use super::receiver::Scan;
@@ -20,6 +21,8 @@ pub struct Changes {
     pub discovered: u32,
     /// Virtual anchors forgotten.
     pub forgotten: u32,
+    /// Images that became images in a surface of others.
+    pub joined: u32,
     /// Discoveries dropped because the map was full.
     pub map_full: u32,
 }
@@ -34,15 +37,18 @@ pub struct Map<'a, T> {
     pub channel: &'a mut ChannelMemory<T>,
     /// What may be a new image.
     pub discovery: &'a mut Discovery<T>,
+    /// When images are joined.
+    pub joining: &'a joining::Constants,
 }
 
 impl<T: Real> Map<'_, T> {
-    /// Revises the map by the scans of a cycle.
+    /// Revises the map by the scans of a cycle, whose number says whose turn it is to be joined.
     pub fn revise(
         &mut self,
         told: &Told<'_, T>,
         clutter: &ClutterMemory<T>,
         outcomes: &[Outcome<T>],
+        cycle: u32,
     ) -> Changes {
         let mut changes = Changes::default();
         let records = self.environment.sources.clone();
@@ -52,7 +58,8 @@ impl<T: Real> Map<'_, T> {
             None => unreachable!("only sources in use are asked for"),
         });
         for removed in removed {
-            self.take_out(&removed, &mut changes);
+            self.take_out(&removed);
+            changes.forgotten += 1;
         }
         if !told.config.discovery {
             return changes;
@@ -75,15 +82,27 @@ impl<T: Real> Map<'_, T> {
                 self.take_in(told, scan, &found, &mut changes);
             }
         }
+        let mut joining = Joining {
+            filter: &mut *self.filter,
+            environment: &mut *self.environment,
+            anchors: told.anchors,
+            max_range_m: told.config.ranging.max_range_m,
+            constants: self.joining,
+        };
+        if let Some(joined) = joining.join(cycle) {
+            changes.joined += 1;
+            if let Some(removed) = joined.removed {
+                self.take_out(&removed);
+            }
+        }
         changes
     }
 
-    fn take_out(&mut self, removed: &Removed, changes: &mut Changes) {
-        if let Some(surface) = removed.surface {
+    fn take_out(&mut self, removed: &Removed) {
+        for surface in removed.surfaces.into_iter().flatten() {
             self.filter.remove(surface);
         }
         self.channel.forget(removed.slot);
-        changes.forgotten += 1;
     }
 
     /// Enters a discovery into the map with a private surface, unless it is known or there is no room.
@@ -95,7 +114,8 @@ impl<T: Real> Map<'_, T> {
         if (needs_surface || self.environment.free_slot().is_none())
             && let Some(removed) = self.environment.give_way(&self.detections(told, scan), needs_surface)
         {
-            self.take_out(&removed, changes);
+            self.take_out(&removed);
+            changes.forgotten += 1;
         }
         let (Some(slot), Some(surface)) = (self.environment.free_slot(), self.environment.free_surface())
         else {

@@ -15,7 +15,7 @@
 //! | [`association`] | paths to features |
 //! | [`state_filter`] | tag and surfaces |
 //! | [`remember`], [`environment`], [`transmission`], [`channel_memory`], [`clutter`] | what is remembered |
-//! | [`map`], [`discovery`] | virtual anchors no plan told of, and those that are none |
+//! | [`map`], [`discovery`], [`joining`] | virtual anchors no plan told of, those that are none, and the walls they are seen in |
 //! | [`information`], [`controller`], [`controllers`] | what a measurement tells, and what to do next |
 //! | [`cycle`] | all of it, in order |
 //!
@@ -45,6 +45,7 @@ pub mod environment;
 pub mod gain_control;
 pub mod image;
 pub mod information;
+pub mod joining;
 pub mod known;
 pub mod listing;
 pub mod loss;

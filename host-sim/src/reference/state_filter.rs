@@ -316,6 +316,87 @@ impl<T: Real> StateFilter<T> {
         }
     }
 
+    /// H C H' of a linear form H s, the sum of D_k s_k over its parts (the slot of s_k, D_k). Order: by k, then l.
+    pub fn form_covariance(&self, form: &[(usize, Square<T>)]) -> Square<T> {
+        let mut sum = [[T::ZERO; 2]; 2];
+        for (k, d_k) in form {
+            for (l, d_l) in form {
+                let c = product(&product(d_k, &self.block(*k, *l)), &transposed(d_l));
+                for row in 0..2 {
+                    for column in 0..2 {
+                        sum[row][column] += c[row][column];
+                    }
+                }
+            }
+        }
+        sum
+    }
+
+    /// The form H s is larger by `gap` than it is, but for an error of `variance` in both numbers: a Kalman update by each.
+    pub fn constrain(&mut self, form: &[(usize, Square<T>)], gap: [T; 2], variance: T) {
+        self.cover_rounding();
+        let prior = self.mean.clone();
+        for number in 0..2 {
+            let h: Vec<_> = form.iter().map(|(slot, d)| (self.slot(*slot), d[number])).collect();
+            let mut w = vec![T::ZERO; self.mean.len()];
+            for i in self.active() {
+                for &(s, [h1, h2]) in &h {
+                    w[i] += h1 * self.covariance[s][i] + h2 * self.covariance[s + 1][i];
+                }
+            }
+            let mut explained = T::ZERO;
+            let mut innovation = gap[number];
+            for &(s, [h1, h2]) in &h {
+                explained += h1 * w[s] + h2 * w[s + 1];
+                // The first number's update has moved the second.
+                innovation -= h1 * (self.mean[s] - prior[s]) + h2 * (self.mean[s + 1] - prior[s + 1]);
+            }
+            let explained = larger(explained, T::ZERO);
+            let moments = Moments { weight: T::ONE, first_m: innovation, second_m2: square(innovation) };
+            self.step(&w, &SoftUpdate::new(&moments, explained + variance, explained));
+        }
+    }
+
+    /// Other numbers for a surface: `numbers` now, `slopes` S over the old ones. C_s* <- S C_s*, C_ss <- S C_ss S'.
+    pub fn rebase(&mut self, slot: usize, surface: Surface<T>, numbers: [T; 2], slopes: &Square<T>) {
+        self.surfaces[slot] = Some(surface);
+        let s = self.slot(slot);
+        let own = product(&product(slopes, &self.block(slot, slot)), &transposed(slopes));
+        for i in 0..self.mean.len() {
+            if i != s && i != s + 1 {
+                let old = [self.covariance[s][i], self.covariance[s + 1][i]];
+                for number in 0..2 {
+                    let value = slopes[number][0] * old[0] + slopes[number][1] * old[1];
+                    self.set_symmetric(s + number, i, value);
+                }
+            }
+        }
+        for row in 0..2 {
+            self.mean[s + row] = numbers[row];
+            // Symmetric by copy of the lower triangle.
+            for column in 0..=row {
+                self.set_symmetric(s + row, s + column, own[row][column]);
+            }
+        }
+    }
+
+    /// Moves a surface to another slot, in place of what was there.
+    pub fn relocate(&mut self, from: usize, to: usize) {
+        if from == to {
+            return;
+        }
+        self.remove(to);
+        self.surfaces.swap(from, to);
+        for number in 0..2 {
+            let (a, b) = (self.slot(from) + number, self.slot(to) + number);
+            self.mean.swap(a, b);
+            self.covariance.swap(a, b);
+            for row in &mut self.covariance {
+                row.swap(a, b);
+            }
+        }
+    }
+
     /// Takes a surface out: its mean and all its covariances become zero.
     pub fn remove(&mut self, slot: usize) {
         self.surfaces[slot] = None;
@@ -456,13 +537,17 @@ impl<T: Real> StateFilter<T> {
         if innovations.is_empty() {
             return;
         }
-        // Every variance grows by what rounding may take.
-        for i in self.active() {
-            self.covariance[i][i] *= T::ONE + T::of(ROUNDING_MARGIN);
-        }
+        self.cover_rounding();
         let prior = self.mean.clone();
         for innovation in innovations {
             self.apply(innovation, &prior);
+        }
+    }
+
+    /// Every variance grows by what rounding may take.
+    fn cover_rounding(&mut self) {
+        for i in self.active() {
+            self.covariance[i][i] *= T::ONE + T::of(ROUNDING_MARGIN);
         }
     }
 
@@ -479,8 +564,12 @@ impl<T: Real> StateFilter<T> {
         let moments = moments.shifted(self.form(regression, &moved));
         // Order: what the state does not explain first.
         let variance = explained + (*variance_m2 + regression.residual_m2);
-        let change = SoftUpdate::new(&moments, variance, explained);
+        self.step(&w, &SoftUpdate::new(&moments, variance, explained));
+    }
 
+    /// x <- x + w mean, C <- C + covariance w w'.
+    fn step(&mut self, w: &[T], change: &SoftUpdate<T>) {
+        let active = self.active();
         for &i in &active {
             self.mean[i] += w[i] * change.mean;
         }
