@@ -803,6 +803,7 @@ mod tests {
         Action, Anchor, AssociationModel, Cycle, Frame, Motion, Plan, PlanWall, Radio, Range, Samples, Start,
         VirtualAnchor,
     };
+    use crate::reference::joining::Constants;
     use crate::reference::pulse::Pulse;
     use cogmint_core::Variant;
     use cogmint_core::controller::reward::Reward;
@@ -1396,6 +1397,139 @@ mod tests {
             let setups = [&setup(&recording), &setup(&other)];
             let outcome = compare(setups, [&recording, &recording], Path::new("made"), 250, &mut |_| {});
             assert!(!outcome.unwrap().equal, "number {number}");
+        }
+    }
+
+    /// Anchors in the room of [`hall`].
+    const HALL: [[f64; 2]; 2] = [[0.6, 4.8], [6.5, 0.7]];
+
+    /// Ranges over up to so many reflections in a room of four walls that two anchors see alike, and a way that tells left from
+    /// right.
+    fn hall(cycles: usize, reflections: usize) -> Recording {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(29);
+        let mut recording = circle(Kind::Ranges, 0, 0, 0.0);
+        for (anchor, position_m) in recording.anchors.iter_mut().zip(HALL) {
+            anchor.position_m = position_m;
+        }
+        recording.virtual_anchors.clear();
+        recording.motion = Motion::of_acceleration(0.3);
+        recording.association.clutter_per_anchor = 0.1;
+        recording.association.max_range_m = 30.0;
+        recording.start.position_m = [5.4, 2.7];
+        recording.start.velocity_std_m_s = 0.5;
+        let walls = four_walls().map(|ends_m| Wall { ends_m, construction: 0 });
+        for n in 0..cycles {
+            let angle = 0.02 * n as f64;
+            let position = [3.6 + 1.8 * angle.cos(), 2.7 + 1.3 * (1.7 * angle).sin()];
+            let mut cycle = Cycle { time_s: 0.1 * n as f64, ..Cycle::default() };
+            cycle.truth_position_m = Some(position);
+            for (anchor, at) in HALL.into_iter().enumerate() {
+                for image in image_sources(&walls, at, reflections) {
+                    if let Some(ray) = trace_image(&walls, at, &image, position, 1) {
+                        let range_m = ray.length_m() + 0.02 * noise(&mut rng);
+                        cycle.ranges.push(Range { anchor, range_m, std_m: None, angles: None });
+                    }
+                }
+            }
+            recording.cycles.push(cycle);
+        }
+        recording
+    }
+
+    fn four_walls() -> [[[f64; 2]; 2]; 4] {
+        let corners = [[0.0, 0.0], [7.3, 0.0], [7.3, 5.4], [0.0, 5.4]];
+        [0, 1, 2, 3].map(|n: usize| [corners[n], corners[(n + 1) % 4]])
+    }
+
+    /// The hall with a plan that tells the wall at x = 7.3 m to be 0.7 m behind.
+    fn hall_told_wrongly(cycles: usize, reflections: usize) -> Recording {
+        let mut recording = hall(cycles, reflections);
+        let mut told = four_walls();
+        told[1].iter_mut().for_each(|[x, _]| *x += 0.7);
+        let wall = |ends_m| PlanWall {
+            segments_m: vec![ends_m],
+            offset_std_m: 0.1,
+            rotation_std_rad: 0.01,
+            construction: "concrete".into(),
+        };
+        recording.plan = Some(Plan {
+            outline_m: four_walls().map(|[corner, _]| corner).to_vec(),
+            turn_std_rad: 0.01,
+            reflections: 2,
+            most_sources: 24,
+            walls: told.map(wall).to_vec(),
+        });
+        recording
+    }
+
+    #[test]
+    fn walls_that_grow_without_a_plan_are_equal() {
+        for (reflections, bias_std_m, least) in [(1, 0.0, 4), (2, 0.0, 8), (2, 0.1, 1)] {
+            let mut recording = hall(200, reflections);
+            recording.radio.range_bias_std_m = bias_std_m;
+            let setup = setup(&recording);
+            let covered = verified(&setup, &recording).covered;
+            assert!(covered.joined >= least, "{reflections} reflections, bias {bias_std_m} m: {covered:?}");
+        }
+        // What joins both is a wall, and pairs of walls make images in either order.
+        let recording = hall(200, 2);
+        let mut tracker = setup(&recording).tracker::<SMALL_ANCHORS>().unwrap();
+        inputs(&recording).for_each(|input| drop(step(&mut tracker, &input, &mut ()).unwrap()));
+        let sequences = || tracker.environment().iter().map(|(_, record)| record.sequence);
+        assert!((0..SURFACES).filter(|slot| tracker.wall(*slot).is_some()).count() >= 4);
+        assert!(sequences().any(|sequence| sequence.is_either_order));
+    }
+
+    #[test]
+    fn a_wall_of_the_plan_that_is_learnt_elsewhere_is_equal() {
+        for reflections in [1, 2] {
+            let recording = hall_told_wrongly(200, reflections);
+            let setup = setup(&recording);
+            let covered = verified(&setup, &recording).covered;
+            assert!(covered.joined > 0, "{reflections} reflections: {covered:?}");
+        }
+        // It is found where it is in one cycle: nothing else makes a doubted wall of a plan certain at once.
+        let recording = hall_told_wrongly(200, 1);
+        let mut tracker = setup(&recording).tracker::<SMALL_ANCHORS>().unwrap();
+        let mut was = None;
+        let mut learnt_at_m = None;
+        for input in inputs(&recording) {
+            let joined = step(&mut tracker, &input, &mut ()).unwrap().report.joined;
+            let slot = usize::from(tracker.plan().walls()[1].surface.unwrap());
+            let now = tracker.wall(slot).unwrap();
+            let [x, _] = now.line.centre_m;
+            if joined > 0 && was.is_some_and(|was| was < 0.1) && now.existence > 0.5 {
+                learnt_at_m = Some(x);
+            }
+            was = Some(now.existence);
+        }
+        assert!(learnt_at_m.is_some_and(|x| (x - 7.3).abs() < 0.1), "{learnt_at_m:?}");
+    }
+
+    #[test]
+    fn a_constant_of_joining_that_differs_is_found() {
+        let grown = hall(160, 2);
+        let told = hall_told_wrongly(160, 1);
+        let planted: [(&Recording, fn(&mut Constants)); 7] = [
+            (&grown, |_| {}),
+            (&grown, |c| c.path_std_m *= 1.001),
+            (&grown, |c| c.certain = 0.999),
+            (&grown, |c| c.first = 1e-4),
+            (&grown, |c| c.second = 1e-4),
+            (&grown, |c| (c.least_skew, c.skew) = (0.0, 0.0)),
+            (&told, |c| c.moved = 1e-3),
+        ];
+        for (number, (recording, plant)) in planted.into_iter().enumerate() {
+            let setup = setup(recording);
+            let mut tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
+            let mut reference = twin::<f32, SMALL_ANCHORS>(&setup);
+            plant(&mut reference.joining);
+            let differs = inputs(recording).any(|input| {
+                let hash = step(&mut tracker, &input, &mut ()).unwrap().hash;
+                reference.cycle(&input.observations(), input.elapsed_s, input.tag_height);
+                state_hash(&reference) != hash
+            });
+            assert_eq!(differs, number > 0, "number {number}");
         }
     }
 
