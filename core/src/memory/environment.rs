@@ -325,14 +325,6 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         Some(private)
     }
 
-    /// The wall in the slot `wall` exists as certainly as the private surface does in which the source in `slot` is seen.
-    pub fn restore(&mut self, wall: usize, slot: usize) {
-        let existence = self.existence(slot);
-        if let Some(Some(wall)) = self.surfaces.get_mut(wall) {
-            wall.existence = existence;
-        }
-    }
-
     /// Takes out what is seen in surfaces that have become improbable and that no plan tells of, and the younger of two images
     /// of an anchor that are one; `placed` gives where the one in a slot is.
     pub fn revise(&mut self, placed: impl Fn(&Self, usize) -> Option<Placed>) -> Vec<Removed, SOURCES> {

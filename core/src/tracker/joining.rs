@@ -35,7 +35,7 @@ pub const FIRST: f32 = 0.25;
 /// Tuned: prior probability that two reflections explain it.
 pub const SECOND: f32 = 0.2;
 /// Tuned: prior probability that a wall of the plan that is doubted explains it from elsewhere.
-pub const MOVED: f32 = 0.05;
+pub const MOVED: f32 = 0.2;
 /// Tuned: deviation of images from the walls that explain them, whatever the filter says, metres: errors of paths.
 pub const PATH_STD_M: f32 = 0.1;
 /// Tuned: deviation of the offset of a wall that is not where the plan says, metres.
@@ -143,7 +143,6 @@ pub fn join<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
         Explanation::Moved { wall, line, state, slopes } => {
             filter.rebase(own.surface, Surface::Wall(line), state, &slopes);
             filter.relocate(own.surface, wall);
-            environment.restore(wall, source);
             let sequence = Sequence::of(wall as u8);
             let older = environment.source_of(own.anchor, &sequence);
             environment.join(source, sequence);

@@ -239,15 +239,6 @@ impl<T: Real> EnvironmentMemory<T> {
         }
     }
 
-    /// A wall exists if the image of a source does.
-    pub fn restore(&mut self, wall: usize, slot: usize) {
-        let Some(Record { anchor, .. }) = self.sources[slot] else { return };
-        let existence = self.existence(Source::Virtual { anchor, slot });
-        if let Some(wall) = &mut self.surfaces[wall] {
-            wall.existence = existence;
-        }
-    }
-
     /// Takes out the source that tells least, existence times detection probability, if that is at most one half (the first of
     /// equals); if a surface is needed too, of those that have one for themselves.
     pub fn give_way(&mut self, detections: &[T], needs_surface: bool) -> Option<Removed> {

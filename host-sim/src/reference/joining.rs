@@ -10,7 +10,7 @@
 //! Of 1 and 2: with the gap e = m(walls) - m_s, to first order a linear form of the filter's states of covariance C, the density
 //! is N(e; 0, C + path^2 I). Of 3: with the offset o and rotation w at which the doubted wall would show m_s, and the slopes S of
 //! both over m_s, it is N(o; 0, moved^2 + S_o C_mm S_o') N(w; 0, turned^2 + S_w C_mm S_w') / |dm/d(o, w)|. Anything else: uniform
-//! over the reach's half disc. Images of one kind share the kind's prior. Explanations of 1 by different anchors may be one wall, so
+//! over the disc in reach. Images of one kind share the kind's prior. Explanations of 1 by different anchors may be one wall, so
 //! that each anchor's compete with 2, 3 and anything else only; what has a posterior above the threshold is taken, the best first.
 
 use super::environment::{CONFIRMED, EnvironmentMemory, Removed};
@@ -183,7 +183,6 @@ impl<T: Real> Joining<'_, T> {
             Explanation::Moved { slot, line, numbers, slopes } => {
                 self.filter.rebase(own.surface, Surface::Wall(line), numbers, &slopes);
                 self.filter.relocate(own.surface, slot);
-                self.environment.restore(slot, own.source);
                 let sequence = Sequence::of(slot as u8);
                 let same = self.environment.source_of(own.anchor, &sequence);
                 self.environment.join(own.source, sequence);
