@@ -20,7 +20,7 @@ use heapless::Vec;
 const MAGIC: u32 = u32::from_le_bytes(*b"COG2");
 const ANCHORS: usize = 2;
 const SOURCES: usize = 24;
-const SEGMENTS: usize = 64;
+const SEGMENTS: usize = 32;
 const PATHS: usize = 16;
 const ACTIONS: usize = 40;
 

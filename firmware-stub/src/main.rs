@@ -18,8 +18,8 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 
-/// Capacity of the reference size: 2 anchors, 24 surfaces, 24 sources, 64 segments, 16 paths, 40 actions.
-type BoardTracker = Tracker<2, 24, 24, 64, 16, 40>;
+/// Capacity of the reference size: 2 anchors, 24 surfaces, 24 sources, 32 segments, 16 paths, 40 actions.
+type BoardTracker = Tracker<2, 24, 24, 32, 16, 40>;
 
 static TRACKER: Once<MaybeUninit<BoardTracker>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
 
@@ -38,11 +38,14 @@ fn build<'a>(
     feed: &mut Feed,
 ) -> Result<(&'a mut BoardTracker, u32), Fault> {
     let setup = feed.setup().ok_or(Fault(b"error malformed feed\n"))?;
-    let refused = |_| Fault(b"error refused set-up\n");
-    let untold = Tracker::untold(setup.config, &setup.anchors, &setup.actions, setup.seed);
-    let tracker = slot.write(untold.map_err(refused)?);
-    tracker.tell(&setup.map()).map_err(refused)?;
-    Ok((tracker, setup.cycles))
+    let tracker = match Tracker::untold(setup.config, &setup.anchors, &setup.actions, setup.seed) {
+        Ok(tracker) => slot.write(tracker),
+        Err(_) => return Err(Fault(b"error refused set-up\n")),
+    };
+    match tracker.tell(&setup.map()) {
+        Ok(()) => Ok((tracker, setup.cycles)),
+        Err(_) => Err(Fault(b"error refused map\n")),
+    }
 }
 
 /// Replays the whole feed.

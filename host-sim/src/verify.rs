@@ -508,7 +508,7 @@ impl Comparison {
             }
         }
         numbers.clear();
-        core.transmission().visit(|value| numbers.push(value));
+        core.transmission().visit(core.plan().walls().len(), |value| numbers.push(value));
         self.list(stage, "the transmission memory", &numbers, |f| reference.transmission.visit(f));
         numbers.clear();
         core.channel().visit(|value| numbers.push(value));

@@ -227,7 +227,7 @@ impl<
             hash.float(self.environment.surface(slot).map_or(-1.0, |record| record.existence));
         }
         hash.word(self.environment.turn());
-        self.transmission.visit(|v| hash.float(v));
+        self.transmission.visit(self.plan.walls().len(), |v| hash.float(v));
         self.channel.visit(|v| hash.float(v));
         self.discovery.visit(|v| hash.float(v));
         hash.word(u32::from(self.belief.is_acquiring()));

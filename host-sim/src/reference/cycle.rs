@@ -157,7 +157,7 @@ impl<T: Real> Reference<T> {
             belief: Belief::new(&config, filter.agent(), capacity.anchors),
             filter,
             environment,
-            transmission: TransmissionMemory::new(capacity.segments),
+            transmission: TransmissionMemory::new(plan.walls.len()),
             joining: joining::Constants::default(),
             discovery: Discovery::new(capacity.anchors, config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &config.ranging, capacity.anchors),
