@@ -7,7 +7,7 @@ use std::process::Command;
 /// Every `cogmint` command as the README writes it, and what is run for it in a folder that holds a scenario
 /// `room.toml`, a recording `r` and the ranges of [`write_inputs`]. `DATA` stands for the recordings that nobody here made:
 /// without them, such a line is left out.
-const COMMANDS: [(&str, &[&str]); 33] = [
+const COMMANDS: [(&str, &[&str]); 34] = [
     ("cogmint", &["--cycles 20"]),
     (
         "cogmint scenario list",
@@ -43,9 +43,10 @@ const COMMANDS: [(&str, &[&str]); 33] = [
         &["thin r --out thinned --every-s 0.25 --ranges-per-cycle 1"],
     ),
     (
-        "cogmint plan FILE [--format table\\|toml\\|rust]",
-        &["plan room.toml", "plan corridor --format toml", "plan r --format rust"],
+        "cogmint plan FILE [--format table\\|toml\\|rust] [--check]",
+        &["plan room.toml", "plan corridor --format toml", "plan r --format rust", "plan room.toml --check"],
     ),
+    ("cogmint experiment walls [--runs N] [--seed S]", &["experiment walls --runs 1 --seed 3"]),
     (
         "cogmint track DIR [--seed N] [--variant NAME] [--table FILE] [--no-figure] [--json]",
         &["track r --seed 3 --variant direct --table t.csv --no-figure --json"],
