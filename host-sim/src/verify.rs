@@ -1474,7 +1474,9 @@ mod tests {
         // What joins both is a wall, and pairs of walls make images in either order.
         let recording = hall(200, 2);
         let mut tracker = setup(&recording).tracker::<SMALL_ANCHORS>().unwrap();
-        inputs(&recording).for_each(|input| drop(step(&mut tracker, &input, &mut ()).unwrap()));
+        for input in inputs(&recording) {
+            step(&mut tracker, &input, &mut ()).unwrap();
+        }
         let sequences = || tracker.environment().iter().map(|(_, record)| record.sequence);
         assert!((0..SURFACES).filter(|slot| tracker.wall(*slot).is_some()).count() >= 4);
         assert!(sequences().any(|sequence| sequence.is_either_order));
@@ -1510,7 +1512,8 @@ mod tests {
     fn a_constant_of_joining_that_differs_is_found() {
         let grown = hall(160, 2);
         let told = hall_told_wrongly(160, 1);
-        let planted: [(&Recording, fn(&mut Constants)); 7] = [
+        type Plant = fn(&mut Constants);
+        let planted: [(&Recording, Plant); 7] = [
             (&grown, |_| {}),
             (&grown, |c| c.path_std_m *= 1.001),
             (&grown, |c| c.certain = 0.999),
