@@ -18,7 +18,7 @@ pub enum Error {
         /// The capacity.
         limit: usize,
     },
-    /// More virtual anchors in the map than `VAS`.
+    /// More virtual anchors in the map than `SURFACES` or `SOURCES`.
     VirtualAnchorCount {
         /// Virtual anchors given.
         given: usize,

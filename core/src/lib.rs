@@ -23,7 +23,7 @@
 //! ```
 //! use cogmint_core::radio::library::LIBRARY_PUBLISHED;
 //! use cogmint_core::model::observation::{Observation, Range, RangeScan};
-//! use cogmint_core::{Anchor, Config, Tracker};
+//! use cogmint_core::{Anchor, Config, Map, Tracker};
 //!
 //! let anchors = [
 //!     Anchor { position_m: [0.5, 7.0], height_m: 0.0 },
@@ -31,7 +31,9 @@
 //! ];
 //! let mut config = Config::default();
 //! config.start.position_m = [3.0, 7.5];
-//! let mut tracker = Tracker::<2, 24, 16, 40>::new(config, &anchors, &[], &LIBRARY_PUBLISHED, 1)?;
+//! // Room for 2 anchors, 24 surfaces, 24 sources, 32 segments of walls, 16 paths and 40 actions; no plan is told.
+//! let map = Map::default();
+//! let mut tracker = Tracker::<2, 24, 24, 32, 16, 40>::new(config, &anchors, &map, &LIBRARY_PUBLISHED, 1)?;
 //! let ranges = [Range { range_m: 2.65, variance_m2: 1e-4 }];
 //! let report = tracker.cycle(&[Observation::Ranges(RangeScan { anchor: 0, ranges: &ranges })], 0.1, None)?;
 //! assert!(report.entropy_nat < report.predicted_entropy_nat);
