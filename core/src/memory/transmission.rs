@@ -14,7 +14,7 @@ pub const USUAL_THROUGH: f32 = 0.35;
 pub const USUAL_S: f32 = 2.0;
 /// Guard: against the division by it: least share of direct paths that come where nothing is in the way.
 pub const LEAST_CLEAR: f32 = 0.1;
-/// Guard: against a reference from few looks: share of clear direct paths that are found, and the seconds it counts for.
+/// Guard: against a reference from few looks: share of clear direct paths that are found; it counts for a second.
 pub const USUAL_CLEAR: f32 = 0.8;
 
 /// Seconds of looking, and of them with a path.

@@ -8,6 +8,7 @@ pub mod clock;
 pub mod detection;
 pub mod image;
 pub mod listing;
+pub mod matrix;
 pub mod measurement;
 pub mod motion;
 pub mod observation;

@@ -35,6 +35,7 @@
 //! limited to its prior, the position to the reach of the radio.
 
 use crate::model::image::{Image, Sequence};
+use crate::model::matrix::{product, product_transposed, sandwiched};
 use crate::model::motion::{Agent, Motion, ProcessNoise};
 use crate::model::range::{Regression, SMALLEST_SPREAD_M2, SurfaceSlope, regress_distance};
 use crate::model::soft_update::{Moments, SoftUpdate};
@@ -333,7 +334,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             let own = sandwiched(d2, &self.between(second, second)?);
             // D_1 C_12 D_2' and its transpose.
             let c = self.between(first, second)?;
-            let k = times_transposed(&times(d1, &c), d2);
+            let k = product_transposed(&product(d1, &c), d2);
             spread.m11 += own.m11 + 2.0 * k.m11;
             spread.m21 += own.m21 + (k.m21 + k.m12);
             spread.m22 += own.m22 + 2.0 * k.m22;
@@ -455,7 +456,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mut sum = Matrix2::new(0.0, 0.0, 0.0, 0.0);
         for (k, d_k) in parts {
             for (l, d_l) in parts {
-                let c = times_transposed(&times(d_k, &self.between(*k, *l)?), d_l);
+                let c = product_transposed(&product(d_k, &self.between(*k, *l)?), d_l);
                 sum.m11 += c.m11;
                 sum.m21 += c.m21;
                 sum.m12 += c.m12;
@@ -549,16 +550,16 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         for (k, row) in c.ss.iter_mut().enumerate() {
             if k == slot {
                 for (l, block) in row.iter_mut().enumerate().take(k + 1) {
-                    *block = times(t, block);
+                    *block = product(t, block);
                     if l == k {
-                        *block = times_transposed(block, t);
+                        *block = product_transposed(block, t);
                         block.m12 = block.m21;
                     }
                 }
             } else if k > slot
                 && let Some(block) = row.get_mut(slot)
             {
-                *block = times_transposed(block, t);
+                *block = product_transposed(block, t);
             }
         }
         true
@@ -806,7 +807,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
                 let Some(slot) = *slot else { continue };
                 // C_pm of this surface's part.
                 let xs = c.xs.get(slot)?;
-                let k = times_transposed(&Matrix2::new(xs.m11, xs.m12, xs.m21, xs.m22), d);
+                let k = product_transposed(&Matrix2::new(xs.m11, xs.m12, xs.m21, xs.m22), d);
                 sxx -= 2.0 * k.m11;
                 syx -= k.m21 + k.m12;
                 syy -= 2.0 * k.m22;
@@ -1113,31 +1114,6 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             ss.iter().take(k + 1).for_each(|block| block.iter().for_each(|v| f(*v)));
         }
     }
-}
-
-/// A B.
-fn times(a: &Matrix2<f32>, b: &Matrix2<f32>) -> Matrix2<f32> {
-    Matrix2::new(
-        a.m11 * b.m11 + a.m12 * b.m21,
-        a.m11 * b.m12 + a.m12 * b.m22,
-        a.m21 * b.m11 + a.m22 * b.m21,
-        a.m21 * b.m12 + a.m22 * b.m22,
-    )
-}
-
-/// A B'.
-fn times_transposed(a: &Matrix2<f32>, b: &Matrix2<f32>) -> Matrix2<f32> {
-    Matrix2::new(
-        a.m11 * b.m11 + a.m12 * b.m12,
-        a.m11 * b.m21 + a.m12 * b.m22,
-        a.m21 * b.m11 + a.m22 * b.m12,
-        a.m21 * b.m21 + a.m22 * b.m22,
-    )
-}
-
-/// D C D'.
-fn sandwiched(d: &Matrix2<f32>, c: &Matrix2<f32>) -> Matrix2<f32> {
-    times_transposed(&times(d, c), d)
 }
 
 /// Multiplies a column's entries by their rows' factors and the column's own, as (row x column) x entry.

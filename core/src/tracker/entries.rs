@@ -116,7 +116,8 @@ impl<
     /// # Errors
     /// The first value out of range, or [`Error::AlreadyTold`]; nothing has changed then.
     pub fn tell(&mut self, map: &Map<'_>) -> Result<(), Error> {
-        if self.cycle > 0 || self.begun.is_some() || self.environment.iter().next().is_some() {
+        let is_told = self.environment.iter().next().is_some() || self.plan != FloorPlan::default();
+        if self.cycle > 0 || self.begun.is_some() || is_told {
             return Err(Error::AlreadyTold);
         }
         let given = map.virtual_anchors.len();

@@ -22,6 +22,7 @@
 use crate::memory::environment::{CONFIRMED, EnvironmentMemory, Removed};
 use crate::model::anchor::Anchor;
 use crate::model::image::{Image, Sequence};
+use crate::model::matrix::product;
 use crate::model::surface::{Line, Surface};
 use crate::perceptor::state_filter::StateFilter;
 use crate::real::{TAU, abs, exp, limited, sqrt};
@@ -297,12 +298,7 @@ fn gap(own: &Own, first: &Face, second: Option<&Face>) -> (Vec<(usize, Matrix2<f
     for (face, slopes) in core::iter::once(first).chain(second).zip(&image.slopes) {
         let slopes = match &face.implied {
             None => *slopes,
-            Some((_, t)) => Matrix2::new(
-                slopes.m11 * t.m11 + slopes.m12 * t.m21,
-                slopes.m11 * t.m12 + slopes.m12 * t.m22,
-                slopes.m21 * t.m11 + slopes.m22 * t.m21,
-                slopes.m21 * t.m12 + slopes.m22 * t.m22,
-            ),
+            Some((_, t)) => product(slopes, t),
         };
         let _ = parts.push((face.slot, -slopes));
     }

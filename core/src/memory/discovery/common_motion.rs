@@ -7,19 +7,10 @@
 //! state filter knows given p: p <- p + drift (v + C_vp C_pp^-1 (p_own - p)); measurements of other sources reach it as the
 //! information on p that they gave the state filter: J = C_pp+^-1 - C_pp^-1.
 
+use crate::model::matrix::product;
 use crate::model::motion::Agent;
 use crate::real::{larger, sqrt};
 use nalgebra::{Matrix2, Vector2};
-
-/// A B, each entry a sum in index order.
-pub(super) fn product(a: &Matrix2<f32>, b: &Matrix2<f32>) -> Matrix2<f32> {
-    Matrix2::new(
-        a.m11 * b.m11 + a.m12 * b.m21,
-        a.m11 * b.m12 + a.m12 * b.m22,
-        a.m21 * b.m11 + a.m22 * b.m21,
-        a.m21 * b.m12 + a.m22 * b.m22,
-    )
-}
 
 /// M v.
 pub(super) fn applied(m: &Matrix2<f32>, v: &Vector2<f32>) -> Vector2<f32> {

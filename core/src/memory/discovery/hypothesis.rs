@@ -8,7 +8,8 @@
 //!
 //! The joint covariance with the tag's position, seen by this hypothesis alone, is explained in `common_motion`.
 
-use super::common_motion::{Correction, Prediction, applied, inverse, precision, product};
+use super::common_motion::{Correction, Prediction, applied, inverse, precision};
+use crate::model::matrix::product;
 use crate::model::range::{FivePoints, SIGMA_POINT, height_variance_m2};
 use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::real::{larger, sqrt};
