@@ -4,8 +4,10 @@
 //! is not there makes none of its images. It follows the Bernoulli recursion of a two-state chain with time and, by each of
 //! the surface's own images (one reflection), the ratio in which association raised or lowered the odds that the image
 //! exists. An image of two surfaces exists where both do. A source that is hidden (its SINR says so) neither proves nor
-//! disproves anything; one that was never seen lowers existence slowly. A private surface is forgotten below 1e-3; a wall that
-//! a plan tells of becomes doubtful and stays.
+//! disproves anything; one that was never seen lowers existence slowly. Of a wall that a plan tells of it is known where its
+//! images are seen from, and so that they must come out again; how long an image that was found stays out of sight nobody
+//! knows: only the moment in which it went tells of it. A private surface is forgotten below 1e-3; a wall that a plan tells of
+//! becomes doubtful and stays.
 
 use crate::model::clock::probability;
 use crate::model::image::Sequence;
@@ -38,7 +40,7 @@ pub type Placed = (Vector2<f32>, Matrix2<f32>);
 /// What has become of a discovery.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Admission {
-    /// It lies within 0.3 m of the anchor or of one of its images.
+    /// It lies within 0.3 m of the anchor, or of one of its images that is confirmed or shares its surface.
     Known,
     /// There is no room.
     Full,
@@ -206,20 +208,27 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         let features = associated.features().zip(expected.views()).zip(expected.existences());
         for (((regression, belief), view), prior) in features {
             if let Source::Virtual { slot, .. } = regression.source {
-                self.remember(slot, [prior, belief.existence], belief.missed < 0.5, view.sighting, look);
+                self.remember(
+                    slot,
+                    [prior, belief.existence],
+                    belief.missed < 0.5,
+                    view.sighting,
+                    [view.lasting, look],
+                );
             }
         }
     }
 
     /// Enters the outcome of a scan: the existence before and after, whether a path was (probably) seen, and whether it could
-    /// be; `look` is the probability that it tells something new of what is hidden.
+    /// be; `lasting` is the share of its detection that does not rest on its coming out again, `look` the probability that the
+    /// scan tells something new of what is hidden.
     fn remember(
         &mut self,
         slot: usize,
         [prior, posterior]: [f32; 2],
         seen: bool,
         sighting: Sighting,
-        look: f32,
+        [lasting, look]: [f32; 2],
     ) {
         let Some(Some(record)) = self.sources.get_mut(slot) else { return };
         let was_seen = record.hits > 0;
@@ -238,12 +247,14 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         let without = (1.0 - r) * ((1.0 - posterior) * prior);
         let updated = with / (with + without);
         let drop = r - updated;
-        // Where a path is hardly expected, having none tells little; having one tells as much as ever.
-        let updated = match sighting == Sighting::Hidden && drop > 0.0 {
-            true if was_seen => r,
-            true => r - look * drop,
-            false => updated,
+        // What was never seen may be hidden for long; what was seen, no plan says for how long it is out of sight.
+        let share = match (was_seen, surface.is_told, sighting) {
+            (false, _, Sighting::Hidden) => look,
+            (true, false, _) => lasting,
+            (true, _, Sighting::Hidden) => 0.0,
+            _ => 1.0,
         };
+        let updated = if drop > 0.0 { r - share * drop } else { updated };
         surface.existence = smaller(updated, MOST_CERTAIN);
     }
 
@@ -388,15 +399,19 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
             dx * dx + dy * dy < NEAR_M * NEAR_M
         };
         let [x, y] = anchor_m;
-        let is_known = is_near(x, y)
-            || self.iter().any(|(slot, record)| {
-                record.anchor == anchor && placed(self, slot).is_some_and(|(a, _)| is_near(a.x, a.y))
-            });
-        if is_known {
+        let is_here = |(slot, record): &(usize, &Record)| {
+            record.anchor == anchor && placed(self, *slot).is_some_and(|(a, _)| is_near(a.x, a.y))
+        };
+        let twin = self.iter().find(is_here).map(|(slot, _)| slot);
+        let is_doubtful =
+            |slot: usize| self.existence(slot) <= CONFIRMED && self.only_surface_of(slot).is_some();
+        let is_known = self.iter().filter(is_here).any(|(slot, _)| !is_doubtful(slot));
+        if is_near(x, y) || is_known {
             return Admission::Known;
         }
+        // What is found where a doubtful image is takes its place.
+        let mut replaced = twin.map(|slot| self.remove(slot));
         let mut room = self.room();
-        let mut replaced = None;
         if room.is_none() {
             let detections = detections(self);
             let is_surface_free = self.surfaces.iter().any(Option::is_none);
@@ -420,31 +435,34 @@ mod tests {
     use super::*;
 
     /// Existence after `scans` scans without a path that is there with probability `detection`.
-    fn after_misses(hits: u32, detection: f32, sighting: Sighting, scans: usize) -> f32 {
+    fn after_misses(origin: Origin, hits: u32, detection: f32, sighting: Sighting, scans: usize) -> f32 {
         let mut memory = EnvironmentMemory::<1, 1>::default();
-        memory.insert_surface(0, 0.9, Origin::Discovered);
+        let lasting = if sighting == Sighting::Open { 1.0 } else { 0.0 };
+        memory.insert_surface(0, 0.9, origin);
         memory.insert(0, 0, Sequence::of(0), hits);
         for _ in 0..scans {
             memory.predict(1e-4, 0.1);
             let r = memory.existence(0);
             // Bernoulli: missed although it exists, or because it does not.
             let missed = r * (1.0 - detection) / (1.0 - r * detection);
-            memory.remember(0, [r, missed], false, sighting, probability(LOOKS_PER_S, 0.1));
+            memory.remember(0, [r, missed], false, sighting, [lasting, probability(LOOKS_PER_S, 0.1)]);
         }
         memory.existence(0)
     }
 
     #[test]
     fn what_is_missed_where_it_is_expected_is_forgotten_and_what_is_hidden_is_not() {
-        assert!(after_misses(5, 0.95, Sighting::Open, 5) < FORGOTTEN);
+        assert!(after_misses(Origin::Discovered, 5, 0.95, Sighting::Open, 5) < FORGOTTEN);
         // A path that is hardly ever detected is no hidden one.
-        assert!(after_misses(5, 0.1, Sighting::Open, 100) < FORGOTTEN);
-        assert!(after_misses(5, 0.1, Sighting::Hidden, 10_000) > 0.898);
+        assert!(after_misses(Origin::Discovered, 5, 0.1, Sighting::Open, 100) < FORGOTTEN);
+        for origin in [Origin::Discovered, Origin::Plan] {
+            assert!(after_misses(origin, 5, 0.1, Sighting::Hidden, 10_000) > 0.898);
+        }
     }
 
     #[test]
     fn what_is_told_and_nobody_sees_fades_in_thousands_of_scans() {
-        assert!(after_misses(0, 0.1, Sighting::Hidden, 100) > CONFIRMED * 0.5);
-        assert!(after_misses(0, 0.1, Sighting::Hidden, 4000) < FORGOTTEN);
+        assert!(after_misses(Origin::Discovered, 0, 0.1, Sighting::Hidden, 100) > CONFIRMED * 0.5);
+        assert!(after_misses(Origin::Discovered, 0, 0.1, Sighting::Hidden, 4000) < FORGOTTEN);
     }
 }

@@ -10,13 +10,15 @@ pub struct ChannelPrior {
     pub seen: bool,
     /// Probability that nothing hides it.
     pub visibility: f32,
+    /// Probability that nothing has hidden it since it was last seen.
+    pub lasting: f32,
     /// SINR (linear) where nothing hides it, as far away as in the last frame.
     pub sinr: f32,
 }
 
 impl ChannelPrior {
     /// Nothing.
-    pub const UNKNOWN: Self = Self { seen: false, visibility: 1.0, sinr: 0.0 };
+    pub const UNKNOWN: Self = Self { seen: false, visibility: 1.0, lasting: 1.0, sinr: 0.0 };
 }
 
 /// What is known of the channels of all sources.

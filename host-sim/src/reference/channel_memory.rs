@@ -29,6 +29,8 @@ struct Row<T> {
     /// 2 ln of its distance.
     spread_ln: T,
     visibility: T,
+    /// Probability that nothing has hidden it since it was last seen.
+    lasting: T,
     /// None before the first frame.
     noise_ln: Option<T>,
     usual_ln: T,
@@ -42,6 +44,7 @@ impl<T: Real> Row<T> {
             energy_ln: T::ZERO,
             spread_ln: T::ZERO,
             visibility: T::ONE,
+            lasting: T::ONE,
             noise_ln: None,
             usual_ln: T::ZERO,
             excess_ln: vec![T::ZERO; actions],
@@ -147,6 +150,7 @@ impl<T: Real> ChannelMemory<T> {
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
             if row.is_seen() {
                 row.visibility += turned * (T::ONE - T::of(2.0) * row.visibility);
+                row.lasting *= T::ONE - turned;
             }
         }
         for count in self.heard.iter_mut().flatten() {
@@ -231,10 +235,11 @@ impl<T: Real> ChannelMemory<T> {
         if !row.is_seen() {
             return;
         }
-        // Bayes: visible and not found, over not found.
-        let before = row.visibility;
-        let visible = before * (T::ONE - found) / larger(T::ONE - before * found, T::of(1e-6));
-        row.visibility = T::ONE + missed * (visible - T::ONE);
+        // Bayes: visible and not found, over not found; all along likewise.
+        let ratio = (T::ONE - found) / larger(T::ONE - row.visibility * found, T::of(1e-6));
+        for state in [&mut row.visibility, &mut row.lasting] {
+            *state = T::ONE + missed * (*state * ratio - T::ONE);
+        }
     }
 
     /// Counts a frame of an anchor.
@@ -257,6 +262,11 @@ impl<T: Real> ChannelMemory<T> {
     /// Whether a source was ever seen.
     pub fn has_seen(&self, source: Source) -> bool {
         self.row(source).is_seen()
+    }
+
+    /// Probability that nothing has hidden a source since it was last seen.
+    pub fn lasting(&self, source: Source) -> T {
+        self.row(source).lasting
     }
 
     /// Probability that nothing hides a source.
@@ -300,6 +310,7 @@ impl<T: Real> ChannelMemory<T> {
                 f(format_args!("ln energy of {kind} {index}"), row.energy_ln);
                 f(format_args!("ln squared distance of {kind} {index}"), row.spread_ln);
                 f(format_args!("visibility of {kind} {index}"), row.visibility);
+                f(format_args!("lasting visibility of {kind} {index}"), row.lasting);
                 f(format_args!("ln noise of {kind} {index}"), row.noise_ln.unwrap_or(T::ZERO));
                 f(format_args!("usual ln noise of {kind} {index}"), row.usual_ln);
                 for (action, excess) in row.excess_ln.iter().enumerate() {

@@ -57,6 +57,8 @@ pub struct Look<T> {
     pub seen: bool,
     /// Whether it could be.
     pub sighting: Sighting,
+    /// Share of its detection probability that does not rest on its coming out again.
+    pub lasting: T,
 }
 
 /// Sources and surfaces by slot.
@@ -187,15 +189,25 @@ impl<T: Real> EnvironmentMemory<T> {
             let without = (T::ONE - r) * ((T::ONE - look.posterior) * look.prior);
             let mut next = with / (with + without);
             let drop = r - next;
-            if look.sighting == Sighting::Hidden && drop > T::ZERO {
-                next = if was_seen { r } else { r - probability(LOOKS_PER_S, dt) * drop };
+            if drop > T::ZERO {
+                let is_hidden = look.sighting == Sighting::Hidden;
+                let share = if was_seen && !surface.is_told {
+                    look.lasting
+                } else if !is_hidden {
+                    T::ONE
+                } else if was_seen {
+                    T::ZERO
+                } else {
+                    probability(LOOKS_PER_S, dt)
+                };
+                next = r - share * drop;
             }
             surface.existence = smaller(next, T::of(MOST_CERTAIN));
         }
     }
 
     /// Of the surfaces of a source, the first that no plan tells of and in which nothing else is seen.
-    fn only_surface_of(&self, slot: usize) -> Option<usize> {
+    pub fn only_surface_of(&self, slot: usize) -> Option<usize> {
         let sequence = self.sources[slot]?.sequence;
         sequence.surfaces().find(|&surface| {
             let is_told = self.surfaces[surface].is_none_or(|record| record.is_told);

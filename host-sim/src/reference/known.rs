@@ -58,6 +58,8 @@ pub struct Expected<T> {
     pub found: T,
     /// Whether it can be seen.
     pub sighting: Sighting,
+    /// Share of its detection probability that does not rest on its coming out again.
+    pub lasting: T,
 }
 
 /// How probable it is that the path of an existing source is found.
@@ -69,6 +71,8 @@ pub struct Detection<T> {
     pub found: T,
     /// See [`Expected::sighting`].
     pub sighting: Sighting,
+    /// See [`Expected::lasting`].
+    pub lasting: T,
 }
 
 /// A source whose path may be found.
@@ -161,7 +165,7 @@ impl<T: Real> Known<'_, T> {
             let (availability, sequence) = self.available(sight.anchor_m, source, &place);
             let regression = self.filter.regress(source, &sight, sequence.as_ref());
             let prospect = Prospect { source, range_m: Some(regression.range_m), availability };
-            let Detection { probability, found, sighting } =
+            let Detection { probability, found, sighting, lasting } =
                 detection(told, scan, self.environment, self.channel, &prospect);
             let feature = Expectation {
                 range_m: regression.range_m,
@@ -169,7 +173,7 @@ impl<T: Real> Known<'_, T> {
                 existence: self.environment.existence(source),
                 detection: probability,
             };
-            expected.push(Expected { regression, feature, found, sighting });
+            expected.push(Expected { regression, feature, found, sighting, lasting });
         }
         if scan.frame.is_some() {
             let pulse = told.library.pulse(scan.action, &told.config.radio);
@@ -280,6 +284,7 @@ pub fn detection<T: Real>(
     let usual = T::of(told.config.association.detection_probability);
     let least = T::of(HIDDEN_DETECTION);
     let (mut found, mut clear) = (usual, usual);
+    let mut lasting = T::ONE;
     let mut unknown = false;
     if let Some(frame) = &scan.frame {
         let mut sinr = channel.sinr(source, scan.action);
@@ -290,6 +295,7 @@ pub fn detection<T: Real>(
             sinr = smaller(sinr, now);
         }
         found = detection_probability(sinr, frame.threshold);
+        lasting = channel.lasting(source);
         if channel.has_seen(source) {
             clear = channel.visibility(source) * found;
         } else if environment.is_unseen(source) {
@@ -298,10 +304,13 @@ pub fn detection<T: Real>(
     }
     let hidden = unknown || clear * availability <= least;
     let open = limited(clear, least, usual);
+    // Order: what the walls take away from it.
+    let probability = open - (open - T::of(UNAVAILABLE_DETECTION)) * (T::ONE - availability);
+    let found = found * availability;
     Detection {
-        // Order: what the walls take away from it.
-        probability: open - (open - T::of(UNAVAILABLE_DETECTION)) * (T::ONE - availability),
-        found: found * availability,
+        probability,
+        found,
+        lasting: smaller(lasting * found / probability, T::ONE),
         sighting: if hidden { Sighting::Hidden } else { Sighting::Open },
     }
 }

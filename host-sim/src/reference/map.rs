@@ -10,7 +10,7 @@ use super::known::{Prospect, Told, detection, discovery_view};
 use super::real::{Real, square};
 use super::receiver::Scan;
 use super::state_filter::StateFilter;
-use cogmint_core::memory::environment::{NEAR_M, Origin, TOLD};
+use cogmint_core::memory::environment::{CONFIRMED, NEAR_M, Origin, TOLD};
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::source::Source;
 
@@ -113,6 +113,12 @@ impl<T: Real> Map<'_, T> {
         if self.is_known(told, scan.anchor, found) {
             return;
         }
+        let doubtful = self.images_near(told, scan.anchor, found).first().copied();
+        if let Some(slot) = doubtful {
+            let removed = self.environment.remove(slot);
+            self.take_out(&removed);
+            changes.forgotten += 1;
+        }
         let needs_surface = self.environment.free_surface().is_none();
         if (needs_surface || self.environment.free_slot().is_none())
             && let Some(removed) = self.environment.give_way(&self.detections(told, scan), needs_surface)
@@ -131,17 +137,26 @@ impl<T: Real> Map<'_, T> {
         changes.discovered += 1;
     }
 
-    /// Within 0.3 m of the anchor or one of its images.
+    /// Within 0.3 m of the anchor or of one of its images that is confirmed or seen in what others are seen in.
     fn is_known(&self, told: &Told<'_, T>, anchor: usize, found: &Discovered<T>) -> bool {
+        let confirmed = |slot: usize| {
+            self.environment.existence(Source::Virtual { anchor, slot }) > T::of(CONFIRMED)
+                || self.environment.only_surface_of(slot).is_none()
+        };
+        is_near(told.sight(anchor).anchor_m, found)
+            || self.images_near(told, anchor, found).into_iter().any(confirmed)
+    }
+
+    /// The slots of an anchor's images within 0.3 m.
+    fn images_near(&self, told: &Told<'_, T>, anchor: usize, found: &Discovered<T>) -> Vec<usize> {
         let anchor_m = told.sight(anchor).anchor_m;
-        let [x, y] = found.position_m;
-        self.environment.sources_of(anchor).into_iter().any(|source| {
-            let [kx, ky] = match self.environment.sequence(source) {
-                None => anchor_m,
-                Some(sequence) => self.filter.placed(anchor_m, &sequence).0,
-            };
-            square(x - kx) + square(y - ky) < square(T::of(NEAR_M))
-        })
+        let mut near = Vec::new();
+        for (slot, record) in self.environment.in_use() {
+            if record.anchor == anchor && is_near(self.filter.placed(anchor_m, &record.sequence).0, found) {
+                near.push(slot);
+            }
+        }
+        near
     }
 
     /// Detection probabilities by slot, wherever the tag is; 0 where it is free.
@@ -154,4 +169,10 @@ impl<T: Real> Map<'_, T> {
         }
         detections
     }
+}
+
+/// Whether a discovery is within 0.3 m of a place.
+fn is_near<T: Real>([x, y]: [T; 2], found: &Discovered<T>) -> bool {
+    let [u, v] = found.position_m;
+    square(u - x) + square(v - y) < square(T::of(NEAR_M))
 }

@@ -101,6 +101,7 @@ impl<T: Real> Memories<'_, T> {
                     posterior: belief.existence,
                     seen: belief.missed < T::of(0.5),
                     sighting: expected.sighting,
+                    lasting: expected.lasting,
                 };
                 self.environment.remember(slot, &look, scan.elapsed_s);
             }

@@ -102,6 +102,8 @@ struct Row<const ACTIONS: usize> {
     spread_ln: f32,
     /// Probability that nothing hides the source.
     visibility: f32,
+    /// Probability that nothing has hidden it since it was last seen.
+    lasting: f32,
     /// ln of the level of noise where its path arrives, without interference; `None` before the first frame.
     noise_ln: Option<f32>,
     /// Slow mean of that.
@@ -117,6 +119,7 @@ impl<const ACTIONS: usize> Default for Row<ACTIONS> {
             energy_ln: 0.0,
             spread_ln: 0.0,
             visibility: 1.0,
+            lasting: 1.0,
             noise_ln: None,
             usual_ln: 0.0,
             excess_ln: [0.0; ACTIONS],
@@ -222,6 +225,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         let kept = 1.0 - probability(self.settings.forgetting_per_s, elapsed_s);
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors).filter(|row| row.is_seen()) {
             row.visibility += turned * (1.0 - 2.0 * row.visibility);
+            row.lasting *= 1.0 - turned;
         }
         for count in self.heard.iter_mut().flatten() {
             *count *= kept;
@@ -324,8 +328,9 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
     /// `found`, had nothing hidden it.
     pub fn remember_missed(&mut self, source: Source, found: f32, missed: f32) {
         if let Some(row) = self.row_mut(source).filter(|row| row.is_seen()) {
-            let visible = row.visibility * (1.0 - found) / larger(1.0 - row.visibility * found, 1e-6);
-            row.visibility = 1.0 + missed * (visible - 1.0);
+            let left = (1.0 - found) / larger(1.0 - row.visibility * found, 1e-6);
+            row.visibility = 1.0 + missed * (row.visibility * left - 1.0);
+            row.lasting = 1.0 + missed * (row.lasting * left - 1.0);
         }
     }
 
@@ -345,6 +350,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         self.full_band = true;
         let Some(row) = self.row_mut(source) else { return };
         row.visibility = 1.0;
+        row.lasting = 1.0;
         row.paths = larger(row.paths, 1.0);
         for (excess, &sinr) in row.excess_ln.iter_mut().zip(sinr) {
             *excess = -ln(limited(sinr, 1e-3, 1e12));
@@ -385,6 +391,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
             f(row.energy_ln);
             f(row.spread_ln);
             f(row.visibility);
+            f(row.lasting);
             f(row.noise_ln.unwrap_or(0.0));
             f(row.usual_ln);
             row.excess_ln.iter().for_each(|value| f(*value));
@@ -426,6 +433,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> ChannelKn
         ChannelPrior {
             seen: self.has_seen(source),
             visibility: self.visibility(source),
+            lasting: self.row(source).map_or(1.0, |row| row.lasting),
             sinr: self.sinr(source, action),
         }
     }

@@ -57,7 +57,7 @@ pub struct DiscoverySettings {
 
 impl Default for DiscoverySettings {
     fn default() -> Self {
-        Self { begin_below_m: 0.05, resolved_hits: 20, resolved_weight: 0.9995 }
+        Self { begin_below_m: 0.05, resolved_hits: 8, resolved_weight: 0.9995 }
     }
 }
 

@@ -123,6 +123,8 @@ pub struct View {
     sinr: f32,
     /// Probability that its path is found if nothing hides it but the noise.
     pub found: f32,
+    /// Share (0 to 1) of its detection that does not rest on its coming out again.
+    pub lasting: f32,
     /// Whether it can be seen.
     pub sighting: Sighting,
 }
@@ -166,11 +168,6 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
     #[inline(never)]
     pub fn disturb(&mut self, pulse: &Pulse) {
         let Self { direct, direct_path, virtual_anchors, expectations, views } = self;
-        let arrival = |expectation: &Expectation, sinr: f32| Arrival {
-            range_m: expectation.range_m,
-            presence: expectation.existence * expectation.detection,
-            sinr,
-        };
         let first = arrival(direct_path, views.0.sinr);
         let mut others: Vec<Arrival, SOURCES> = Vec::new();
         for (expectation, view) in expectations.iter().zip(&views.1) {
@@ -201,6 +198,10 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
     }
 }
 
+fn arrival(expectation: &Expectation, sinr: f32) -> Arrival {
+    Arrival { range_m: expectation.range_m, presence: expectation.existence * expectation.detection, sinr }
+}
+
 fn expectation(regression: &Regression, existence: f32, detection: &Detection) -> Expectation {
     Expectation {
         range_m: regression.range_m,
@@ -211,5 +212,7 @@ fn expectation(regression: &Regression, existence: f32, detection: &Detection) -
 }
 
 fn view(prospect: &Prospect, detection: &Detection) -> View {
-    View { sinr: prospect.channel.sinr, found: detection.found, sighting: detection.sighting }
+    let ChannelPrior { lasting, sinr, .. } = prospect.channel;
+    let lasting = smaller(lasting * detection.found / detection.probability, 1.0);
+    View { sinr, found: detection.found, lasting, sighting: detection.sighting }
 }
