@@ -301,7 +301,7 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
 
     /// The slot of the image of an anchor in a sequence of surfaces.
     pub fn source_of(&self, anchor: usize, sequence: &Sequence) -> Option<usize> {
-        let is_it = |record: &Record| record.anchor == anchor && record.sequence == *sequence;
+        let is_it = |record: &Record| record.anchor == anchor && record.sequence.is_same(sequence);
         self.iter().find(|(_, record)| is_it(record)).map(|(slot, _)| slot)
     }
 

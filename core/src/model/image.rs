@@ -48,6 +48,12 @@ impl Sequence {
         self.surfaces().any(|own| own == surface)
     }
 
+    /// Whether it makes the image that another one makes: two surfaces that may come in either order do so in both.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let is_order = |other: &Self| (self.first, self.second) == (other.first, other.second);
+        is_order(other) || ((self.is_either_order || other.is_either_order) && is_order(&other.reversed()))
+    }
+
     /// The other order.
     #[must_use]
     pub const fn reversed(&self) -> Self {
@@ -335,5 +341,8 @@ mod tests {
         assert_eq!(two.reversed().surfaces().collect::<Vec<_>>(), [7, 4]);
         assert!(two.has(7) && !two.has(5) && two.order() == 2);
         assert_eq!(Sequence::of(3).reversed(), Sequence::of(3));
+        let facing = Sequence { is_either_order: false, ..two };
+        assert!(two.is_same(&two.reversed()) && facing.is_same(&two.reversed()) && facing.is_same(&facing));
+        assert!(!facing.is_same(&facing.reversed()) && !two.is_same(&Sequence::of(4)));
     }
 }

@@ -25,7 +25,7 @@ use crate::model::image::{Image, Sequence};
 use crate::model::matrix::product;
 use crate::model::surface::{Line, Surface};
 use crate::perceptor::state_filter::StateFilter;
-use crate::real::{TAU, abs, exp, limited, sqrt};
+use crate::real::{TAU, abs, exp, larger, limited, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
@@ -238,6 +238,14 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
     let second = pairs.weight(SECOND, pairs.tried);
     let third = moved.weight(MOVED, moved.tried);
     let mut taken: Option<(f32, Explanation)> = None;
+    let mut take = |best: &Best, prior: f32, count: usize, all: f32| {
+        let Some((density, explanation)) = best.best else { return };
+        let posterior = prior * density / count.max(1) as f32 / all;
+        if posterior > CERTAIN && taken.is_none_or(|(taken, _)| posterior > taken) {
+            taken = Some((posterior, explanation));
+        }
+    };
+    let mut most = 0.0;
     for group in groups {
         let mut single = Best::default();
         for face in of(group) {
@@ -247,17 +255,13 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
             }
         }
         let first = single.weight(FIRST, count);
-        let all = elsewhere + first + second + third;
-        for (best, prior, tried) in
-            [(&single, FIRST, count), (&pairs, SECOND, pairs.tried), (&moved, MOVED, moved.tried)]
-        {
-            let Some((density, explanation)) = best.best else { continue };
-            let posterior = prior * density / tried.max(1) as f32 / all;
-            if posterior > CERTAIN && taken.is_none_or(|(taken, _)| posterior > taken) {
-                taken = Some((posterior, explanation));
-            }
-        }
+        take(&single, FIRST, count, elsewhere + first + second + third);
+        most = larger(most, first);
     }
+    // These compete with every anchor's.
+    let all = elsewhere + most + second + third;
+    take(&pairs, SECOND, pairs.tried, all);
+    take(&moved, MOVED, moved.tried, all);
     taken.map(|(_, explanation)| explanation)
 }
 

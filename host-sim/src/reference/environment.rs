@@ -232,7 +232,13 @@ impl<T: Real> EnvironmentMemory<T> {
     /// The source that is this image of an anchor.
     pub fn source_of(&self, anchor: usize, sequence: &Sequence) -> Option<usize> {
         let all = self.in_use();
-        let same = all.iter().find(|(_, record)| record.anchor == anchor && record.sequence == *sequence);
+        // In either order the image is one.
+        let is_it = |own: Sequence| {
+            let swapped = (own.second, Some(own.first)) == (Some(sequence.first), sequence.second);
+            let straight = (own.first, own.second) == (sequence.first, sequence.second);
+            straight || (swapped && (own.is_either_order || sequence.is_either_order))
+        };
+        let same = all.iter().find(|(_, record)| record.anchor == anchor && is_it(record.sequence));
         same.map(|(slot, _)| *slot)
     }
 

@@ -15,7 +15,7 @@
 
 use super::environment::{CONFIRMED, EnvironmentMemory, Removed};
 use super::image::Image;
-use super::real::{Real, abs, exp, limited, sqrt, square, tau};
+use super::real::{Real, abs, exp, larger, limited, sqrt, square, tau};
 use super::state_filter::StateFilter;
 use super::surface::{Line, Surface, dot, less};
 use super::{Square, product, transposed};
@@ -269,24 +269,27 @@ impl<T: Real> Joining<'_, T> {
         }
         let singles: usize = groups.iter().map(Vec::len).sum();
         let share = |prior: T, sum: T, count: usize| prior * sum / T::of_count(count.max(1));
-        let mut taken: Option<(T, Explanation<T>)> = None;
+        let both = share(second, twice.sum, twice.count);
+        let away = share(moved, elsewhere.sum, elsewhere.count);
+        let mut all: Vec<(Rivals<T>, T, usize, T)> = Vec::new();
+        let mut strongest = T::ZERO;
         for group in groups {
             let once = Rivals::of(self.one_reflection(own, &group));
+            let single = share(first, once.sum, singles);
+            strongest = larger(strongest, single);
             // Order: anything else, one, two, elsewhere.
-            let total = anything
-                + share(first, once.sum, singles)
-                + share(second, twice.sum, twice.count)
-                + share(moved, elsewhere.sum, elsewhere.count);
-            for (rivals, prior, count) in
-                [(&once, first, singles), (&twice, second, twice.count), (&elsewhere, moved, elsewhere.count)]
-            {
-                if let Some((density, explanation)) = &rivals.best {
-                    let posterior = share(prior, *density, count) / total;
-                    let is_best = taken.as_ref().is_none_or(|(best, _)| posterior > *best);
-                    if posterior > T::of(certain) && is_best {
-                        taken = Some((posterior, explanation.clone()));
-                    }
-                }
+            all.push((once, first, singles, anything + single + both + away));
+        }
+        let total = anything + strongest + both + away;
+        let (pairs, places) = (twice.count, elsewhere.count);
+        all.push((twice, second, pairs, total));
+        all.push((elsewhere, moved, places, total));
+        let mut taken: Option<(T, Explanation<T>)> = None;
+        for (rivals, prior, count, total) in all {
+            let Some((density, explanation)) = rivals.best else { continue };
+            let posterior = share(prior, density, count) / total;
+            if posterior > T::of(certain) && taken.as_ref().is_none_or(|(best, _)| posterior > *best) {
+                taken = Some((posterior, explanation));
             }
         }
         taken.map(|(_, explanation)| explanation)
