@@ -387,3 +387,135 @@ fn is_same_side(anchors: &[Anchor], own: &Own, face: &Face) -> bool {
     let Some(other) = anchors.get(anchor) else { return false };
     face.line.distance_m(own.anchor_m) * face.line.distance_m(other.position_m) > 0.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::memory::environment::Origin;
+
+    type Filter = StateFilter<2, 6>;
+    type Memory = EnvironmentMemory<6, 6>;
+
+    const ANCHORS: [Anchor; 2] =
+        [Anchor { position_m: [1.0, 1.5], height_m: 0.0 }, Anchor { position_m: [5.0, 2.0], height_m: 0.0 }];
+    /// Two walls at right angles: x = -1 and y = 6.
+    const WEST: Line = Line { centre_m: [-1.0, 3.0], normal: [1.0, 0.0] };
+    const NORTH: Line = Line { centre_m: [2.0, 6.0], normal: [0.0, 1.0] };
+    const STD_M: f32 = 0.03;
+
+    fn nothing() -> (Filter, Memory) {
+        let motion = crate::config::Config::default().motion;
+        (Filter::new(motion, [2.0, 2.0], 0.3, 0.2, 0.05, 0.1), Memory::default())
+    }
+
+    /// Enters an image found of an anchor, in the slot of this number.
+    fn find((filter, memory): &mut (Filter, Memory), slot: usize, anchor: usize, [x, y]: [f32; 2]) {
+        filter.insert_independent(slot, Surface::Private, Vector2::new(x, y), [STD_M; 2]);
+        memory.insert_surface(slot, 0.99, Origin::Discovered);
+        memory.insert(slot, anchor, Sequence::of(slot as u8), 30);
+    }
+
+    /// Gives every image its turn.
+    fn joined((filter, memory): &mut (Filter, Memory)) -> usize {
+        (0..12).filter(|_| join(filter, memory, &ANCHORS, 30.0).is_some()).count()
+    }
+
+    fn off(line: &Line, [x, y]: [f32; 2]) -> [f32; 2] {
+        let [mx, my] = line.mirrored_m([x, y]);
+        [mx + 0.04, my - 0.03]
+    }
+
+    #[test]
+    fn the_wall_that_an_image_implies_moves_with_it() {
+        let image_m = Vector2::new(-2.4, 4.1);
+        let (line, slopes) = implied_wall(ANCHORS[0].position_m, &image_m).unwrap();
+        let own_m = line.mirrored_m(ANCHORS[0].position_m);
+        assert!((own_m[0] - image_m.x).abs() < 1e-5 && (own_m[1] - image_m.y).abs() < 1e-5);
+        let step_m = 1e-2;
+        for axis in 0..2 {
+            let moved = |sign: f32| {
+                let mut image_m = image_m;
+                image_m[axis] += sign * step_m;
+                let (moved, _) = implied_wall(ANCHORS[0].position_m, &image_m).unwrap();
+                // The offset at the first wall's middle along its normal, and the angle.
+                let [nx, ny] = line.normal;
+                let [dx, dy] = [moved.centre_m[0] - line.centre_m[0], moved.centre_m[1] - line.centre_m[1]];
+                let [tx, ty] = line.tangent();
+                [nx * dx + ny * dy, tx * moved.normal[0] + ty * moved.normal[1]]
+            };
+            let (ahead, back) = (moved(1.0), moved(-1.0));
+            for number in 0..2 {
+                let slope = (ahead[number] - back[number]) / (2.0 * step_m);
+                assert!((slopes[(number, axis)] - slope).abs() < 1e-3, "{axis} {number}");
+            }
+        }
+        assert!(implied_wall([0.0, 0.0], &Vector2::new(0.3, 0.3)).is_none());
+    }
+
+    #[test]
+    fn images_of_two_anchors_in_one_wall_become_it() {
+        let mut map = nothing();
+        find(&mut map, 0, 0, off(&WEST, ANCHORS[0].position_m));
+        find(&mut map, 3, 1, WEST.mirrored_m(ANCHORS[1].position_m));
+        assert_eq!(joined(&mut map), 1);
+        let (filter, memory) = map;
+        let walls: std::vec::Vec<_> = (0..6).filter_map(|slot| filter.surface(slot)).collect();
+        let [(Surface::Wall(line), state, covariance)] = walls[..] else { panic!("{walls:?}") };
+        let now = line.moved(state.x, state.y);
+        assert!(now.normal[0].abs() > 0.999 && now.distance_m([-1.0, 3.0]).abs() < 0.05, "{now:?}");
+        // Two images say more than one of them.
+        assert!(covariance.m11 > 0.0 && covariance.m11 < 0.25 * STD_M * STD_M);
+        assert_eq!(memory.iter().filter(|(_, record)| record.sequence.order() == 1).count(), 2);
+    }
+
+    #[test]
+    fn images_of_two_walls_stay_two() {
+        let mut map = nothing();
+        find(&mut map, 0, 0, WEST.mirrored_m(ANCHORS[0].position_m));
+        let [x, y] = WEST.mirrored_m(ANCHORS[1].position_m);
+        find(&mut map, 1, 1, [x - 0.6, y]);
+        find(&mut map, 2, 1, NORTH.mirrored_m(ANCHORS[1].position_m));
+        assert_eq!(joined(&mut map), 0);
+    }
+
+    #[test]
+    fn an_image_by_two_reflections_shows_both_walls() {
+        let mut map = nothing();
+        let west_m = WEST.mirrored_m(ANCHORS[0].position_m);
+        find(&mut map, 0, 0, west_m);
+        find(&mut map, 1, 0, NORTH.mirrored_m(ANCHORS[0].position_m));
+        find(&mut map, 2, 0, off(&NORTH, west_m));
+        assert_eq!(joined(&mut map), 1);
+        let (filter, memory) = map;
+        assert!(filter.surface(2).is_none());
+        let sequence = memory.get(2).unwrap().sequence;
+        assert!(sequence.is_same(&Sequence { first: 1, second: Some(0), is_either_order: true }));
+        for slot in 0..2 {
+            assert!(matches!(filter.surface(slot), Some((Surface::Wall(_), ..))));
+        }
+        // What it makes is where all three say.
+        let (placed, _) = filter.placed(ANCHORS[0].position_m, &sequence).unwrap();
+        let [x, y] = NORTH.mirrored_m(west_m);
+        assert!((placed.x - x).hypot(placed.y - y) < 0.06, "{placed}");
+    }
+
+    #[test]
+    fn a_doubted_wall_of_the_plan_moves_to_the_image_that_it_explains_and_a_believed_one_stays() {
+        for existence in [0.01, 0.99] {
+            let mut map = nothing();
+            let (filter, memory) = &mut map;
+            filter.insert_independent(5, Surface::Wall(WEST), Vector2::new(0.0, 0.0), [0.05, 0.01]);
+            memory.insert_surface(5, existence, Origin::Plan);
+            memory.insert(5, 0, Sequence::of(5), 0);
+            // Where the image would be were the wall 0.8 m farther west.
+            let [x, y] = WEST.mirrored_m(ANCHORS[0].position_m);
+            find(&mut map, 0, 0, [x - 1.6, y]);
+            let is_moved = existence < 0.5;
+            assert_eq!(joined(&mut map), usize::from(is_moved));
+            let (filter, _) = map;
+            let (_, state, _) = filter.surface(5).unwrap();
+            assert!((state.x + if is_moved { 0.8 } else { 0.0 }).abs() < 1e-3, "{state}");
+            assert_eq!(filter.surface(0).is_none(), is_moved);
+        }
+    }
+}
