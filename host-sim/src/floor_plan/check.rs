@@ -7,7 +7,6 @@ use super::told;
 use crate::channel::Channel;
 use crate::geometry::distance_m;
 use crate::input_error::InputError;
-use crate::replay::SEGMENTS;
 use crate::scenario::Scenario;
 use crate::told_plan;
 use cogmint_core::model::availability::{WallNow, Walls};
@@ -84,8 +83,7 @@ pub fn check(scenario: &Scenario, folder: Option<&Path>) -> Result<Check, InputE
         return Err(InputError::new(&scenario.name, reason).for_item("prior.floor_plan.room"));
     }
     let told = told(scenario, None)?;
-    let refused = |error: cogmint_core::Error| InputError::new(&scenario.name, error.to_string());
-    let plan = told_plan::ToldPlan::new(&told.plan).kept::<SEGMENTS>().map_err(refused)?;
+    let plan = told_plan::ToldPlan::new(&told.plan).kept(&scenario.name, "room")?;
     let walls = Walls::new(&plan, |_, wall| WallNow::told(wall, THROUGH));
     let mut check = Check::default();
     for trajectory in 0..scenario.trajectories.len() {

@@ -173,14 +173,14 @@ impl Export {
             .walls
             .iter()
             .enumerate()
-            .flat_map(|(n, wall)| wall.segments_m.iter().map(move |ends| (n, ends)));
+            .flat_map(|(n, wall)| wall.on_line_m().into_iter().map(move |ends| (n, ends)));
         let _ = write!(
             text,
             "];\n\n/// What they consist of.\npub const SEGMENTS: [PlanSegment; {}] = [\n",
             segments.clone().count()
         );
         for (wall, [from_m, to_m]) in segments {
-            let ends = format!("[{}, {}]", point(*from_m), point(*to_m));
+            let ends = format!("[{}, {}]", point(from_m), point(to_m));
             let _ = writeln!(text, "    PlanSegment {{ wall: {wall}, ends_m: {ends} }},");
         }
         text.push_str("];\n\n/// The plan. The core lists these sources, the most useful first:\n///\n");
