@@ -1,7 +1,9 @@
 //! Whether the images are where the plan lets them be seen: its availability beside the paths of the simulated channel.
 //!
 //! At the true places of the scenario's ways, with the plan as it stands: of the sources that the plan calls unavailable, how
-//! many have a path all the same, and of those that it calls clear, how many have one.
+//! many have a path all the same, and of those that it calls clear, how many have one. The sources are all that the core lists
+//! of the plan, also where recordings do not tell it (`prior.floor_plan.known = false`): what is checked is the plan, not what
+//! a tracker makes of it.
 
 use super::told;
 use crate::channel::Channel;
@@ -41,9 +43,9 @@ impl Looks {
         self.with_path += usize::from(has_path);
     }
 
-    /// Share of the looks with a path; NaN without a look.
-    pub fn share(&self) -> f64 {
-        self.with_path as f64 / self.looks as f64
+    /// Share of the looks with a path; none without a look.
+    pub fn share(&self) -> Option<f64> {
+        (self.looks > 0).then(|| self.with_path as f64 / self.looks as f64)
     }
 }
 

@@ -34,6 +34,9 @@ pub struct Source {
     /// Share of the outline from which it is seen; a recording does not keep it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seen_share: Option<f64>,
+    /// Whether its two walls may come in either order; a recording does not keep it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub is_either_order: Option<bool>,
 }
 
 impl Export {
@@ -54,6 +57,7 @@ impl Export {
             position_m: source.position_m,
             std_m: source.std_m,
             seen_share: Some(source.seen_share),
+            is_either_order: Some(source.is_either_order),
         };
         Ok(Self {
             name: scenario.name.clone(),
@@ -72,6 +76,7 @@ impl Export {
             position_m: va.told_position_m.unwrap_or(va.position_m),
             std_m: va.std_m,
             seen_share: None,
+            is_either_order: None,
         });
         Self {
             name: recording.name.clone(),
