@@ -189,6 +189,7 @@ pub fn picture(simulator: &Simulator, runs: &[Run]) -> Picture {
             })
             .collect(),
         walls: first.recording.walls.clone(),
+        told_walls: Vec::new(),
         found_walls: Vec::new(),
         ellipses: Vec::new(),
         shows_map: false,

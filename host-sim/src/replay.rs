@@ -15,8 +15,8 @@ use rand_xoshiro::Xoshiro128PlusPlus;
 pub const SURFACES: usize = 24;
 /// Images.
 pub const SOURCES: usize = 24;
-/// Segments of walls, and corners of the outline.
-pub const SEGMENTS: usize = 64;
+/// Walls, their segments, and corners of the outline: as many as a recording may have.
+pub const SEGMENTS: usize = recording::MAX_PLAN_SEGMENTS;
 /// Paths per anchor.
 pub const PATHS: usize = 16;
 /// Actions.
@@ -188,6 +188,9 @@ impl Setup {
             actions,
             seed: seed.unwrap_or(1),
         };
+        if let Some(plan) = &setup.plan {
+            plan.check_size(file.join(META_FILE), "plan")?;
+        }
         // The core has the last word on what it takes.
         match setup.tracker::<LARGE_ANCHORS>() {
             Ok(_) => Ok(setup),
@@ -284,7 +287,6 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
             }
             _ => return InputError::new(folder.join(META_FILE), error.to_string()),
         },
-        Error::PlanSize { .. } => (META_FILE, "plan", "64 walls, segments and corners at most"),
         Error::Geometry { .. } if anchors_out_of_reach => {
             (META_FILE, "anchors", "positions within 1e4 m, heights within 1e3 m")
         }

@@ -2,7 +2,7 @@
 
 use crate::estimate_table::Estimate;
 use crate::input_error::InputError;
-use crate::plot::{LineFigure, MappedAnchor, Panel, Picture, Series, TrackFigure};
+use crate::plot::{LineFigure, MappedAnchor, MappedWall, Panel, Picture, Series, TrackFigure, WallKind};
 use crate::recording::{Cycle, Recording};
 use crate::replay::{
     CycleInput, LARGE_ANCHORS, SMALL_ANCHORS, SURFACES, Setup, SizedTracker, Step, inputs, step,
@@ -46,7 +46,7 @@ pub struct Track {
     pub consistency: Consistency,
     /// Virtual anchors with an existence above one half at the end.
     pub virtual_anchors: Vec<MappedVirtualAnchor>,
-    /// Walls with an existence above one half at the end.
+    /// Walls at the end, believed or doubted.
     pub walls: Vec<FoundWall>,
     /// Those that no plan told of against those that could be found.
     pub wall_score: WallScore,
@@ -188,26 +188,40 @@ fn run<const A: usize>(
     })
 }
 
-/// The walls that the tracker holds, from end to end: as told, or as far as reflections on the estimated way were seen.
+/// A wall of the plan is drawn as believed where it is this far from where it is told, metres.
+const MOVED_M: f64 = 0.01;
+
+/// The walls that the tracker holds: the plan's segments, or as far as reflections on the estimated way were seen.
 fn walls<const A: usize>(tracker: &SizedTracker<A>, estimates: &[Estimate]) -> Vec<FoundWall> {
     let wall = |slot: usize| {
         let wall = tracker.wall(slot)?;
-        if wall.existence <= CONFIRMED {
-            return None;
-        }
+        let (_, _, covariance) = tracker.filter().surface(slot)?;
         let line = wall.line;
         let [x, y] = line.centre_m.map(f64::from);
         let [tx, ty] = line.tangent().map(f64::from);
         let plan_wall = tracker.plan().wall_of(slot);
         let told = plan_wall.and_then(|wall| tracker.plan().walls().get(wall));
-        let mut extent = [f64::INFINITY, f64::NEG_INFINITY];
-        let mut cover = |place_m: f64| extent = [extent[0].min(place_m), extent[1].max(place_m)];
+        let between = |[begin_m, end_m]: [f64; 2]| {
+            [[x + begin_m * tx, y + begin_m * ty], [x + end_m * tx, y + end_m * ty]]
+        };
+        let mut extents_m = Vec::new();
+        let mut moved_m: Option<f64> = None;
         match told {
             Some(told) => {
-                cover(-f64::from(told.half_length_m));
-                cover(f64::from(told.half_length_m));
+                let ([cx, cy], [ux, uy]) = (told.line.centre_m, told.line.tangent());
+                for segment in tracker.plan().segments_of(told) {
+                    extents_m.push(segment.extent_m.map(|place_m| {
+                        let end_m = [cx + place_m * ux, cy + place_m * uy];
+                        let off_m = f64::from(line.distance_m(end_m)).abs();
+                        moved_m = Some(moved_m.map_or(off_m, |most_m| most_m.max(off_m)));
+                        f64::from(line.place_m(end_m))
+                    }));
+                }
             }
             None => {
+                let mut extent_m = [f64::INFINITY, f64::NEG_INFINITY];
+                let mut cover =
+                    |place_m: f64| extent_m = [extent_m[0].min(place_m), extent_m[1].max(place_m)];
                 for (_, record) in tracker.environment().iter() {
                     if record.sequence.order() != 1 || !record.sequence.has(slot) {
                         continue;
@@ -222,21 +236,43 @@ fn walls<const A: usize>(tracker: &SizedTracker<A>, estimates: &[Estimate]) -> V
                         }
                     }
                 }
+                extents_m.push(if extent_m[0] <= extent_m[1] { extent_m } else { [0.0; 2] });
             }
         }
-        let [begin, end] = if extent[0] <= extent[1] { extent } else { [0.0; 2] };
         Some(FoundWall {
             centre_m: [x, y],
             normal: line.normal.map(f64::from),
             offset_std_m: f64::from(wall.offset_std_m),
             rotation_std_rad: f64::from(wall.rotation_std_rad),
+            offset_rotation_m_rad: f64::from(covariance.m21),
             existence: f64::from(wall.existence),
+            is_doubted: wall.existence <= CONFIRMED,
             is_told: wall.is_told,
             plan_wall,
-            ends_m: [[x + begin * tx, y + begin * ty], [x + end * tx, y + end * ty]],
+            moved_m,
+            segments_m: extents_m.into_iter().map(between).collect(),
         })
     };
     (0..SURFACES).filter_map(wall).collect()
+}
+
+/// A wall as the figure draws it; none where it stands as told and is believed.
+fn mapped_wall(wall: &FoundWall) -> Option<MappedWall> {
+    let kind = match wall {
+        FoundWall { is_doubted: true, .. } => WallKind::Doubted,
+        FoundWall { is_told: false, .. } => WallKind::Grown,
+        FoundWall { moved_m, .. } if moved_m.is_some_and(|moved_m| moved_m > MOVED_M) => WallKind::Moved,
+        FoundWall { .. } => return None,
+    };
+    let deviations_m = |ends_m: &[[f64; 2]; 2]| {
+        std::array::from_fn(|n| {
+            let share = n as f64 / (MappedWall::PLACES - 1) as f64;
+            let [[ax, ay], [bx, by]] = *ends_m;
+            wall.deviation_m([ax + share * (bx - ax), ay + share * (by - ay)])
+        })
+    };
+    let segments = wall.segments_m.iter().map(|ends_m| (*ends_m, deviations_m(ends_m))).collect();
+    Some(MappedWall { kind, segments })
 }
 
 /// What is believed after a cycle. While the tag is searched for, the filter's velocity is the mean of those of all places,
@@ -276,6 +312,7 @@ impl Track {
             covariance_m2: Some(va.covariance_m2),
             is_truth: false,
         });
+        let plan_walls = recording.plan.iter().flat_map(|plan| &plan.walls);
         let every = (self.steps.len() / 20).max(1);
         let ellipses = self.steps.iter().zip(&estimates).step_by(every).map(|(step, position)| {
             let c = &step.report.position_covariance_m2;
@@ -288,7 +325,8 @@ impl Track {
             anchors: recording.anchors.iter().map(|a| (a.name.clone(), a.position_m)).collect(),
             virtual_anchors: true_ones.chain(found).collect(),
             walls: recording.walls.clone(),
-            found_walls: self.walls.iter().map(|wall| wall.ends_m).collect(),
+            told_walls: plan_walls.flat_map(|wall| wall.segments_m.clone()).collect(),
+            found_walls: self.walls.iter().filter_map(mapped_wall).collect(),
             ellipses: ellipses.collect(),
             shows_map: false,
         };

@@ -1,11 +1,13 @@
 //! The plan as a user has it: what a device is told follows from walls and anchors, and errs by wall.
 
-use cogmint::floor_plan::export::Export;
+use cogmint::floor_plan::export::{Export, Source};
 use cogmint::floor_plan::{ToldSource, told};
 use cogmint::recording::{Recording, VirtualAnchor, WallSequence};
-use cogmint::replay::Setup;
+use cogmint::replay::{LARGE_ANCHORS, Setup};
 use cogmint::scenario::{BUILT_IN, Scenario, Told};
 use cogmint::simulator::Simulator;
+use cogmint_core::memory::environment::Record;
+use cogmint_core::model::image::Sequence;
 use cogmint_core::{Config, Map, Tracker};
 use cogmint_tests::{Folder, cogmint, shared_data};
 use std::collections::BTreeMap;
@@ -267,9 +269,67 @@ fn constants_for_firmware_are_those_of_the_plan_and_the_core_takes_them() {
         1,
     )
     .unwrap_or_else(|error| panic!("{error}"));
-    // The core lists what `cogmint plan` prints.
-    let listed: Vec<_> = tracker.environment().iter().map(|(_, record)| record.anchor).collect();
-    assert_eq!(listed, export.sources.iter().map(|source| source.anchor).collect::<Vec<_>>());
+    assert_eq!(listed(&tracker), printed(&export));
+}
+
+/// Anchor, walls in order from it, and whether they may come in either order.
+type Listed = (usize, Vec<usize>, bool);
+
+/// The sources that a tracker lists of its plan, in order.
+fn listed<
+    const A: usize,
+    const SU: usize,
+    const SO: usize,
+    const SE: usize,
+    const P: usize,
+    const AC: usize,
+>(
+    tracker: &Tracker<A, SU, SO, SE, P, AC>,
+) -> Vec<Listed> {
+    let wall =
+        |surface: u8| tracker.plan().wall_of(usize::from(surface)).expect("every source is of the plan");
+    let source = |record: &Record| {
+        let Sequence { first, second, is_either_order } = record.sequence;
+        (record.anchor, std::iter::once(first).chain(second).map(wall).collect(), is_either_order)
+    };
+    tracker.environment().iter().map(|(_, record)| source(record)).collect()
+}
+
+/// The sources that `cogmint plan` prints, in order.
+fn printed(export: &Export) -> Vec<Listed> {
+    let source = |source: &Source| {
+        (source.anchor, source.walls.iter().collect(), source.is_either_order == Some(true))
+    };
+    export.sources.iter().map(source).collect()
+}
+
+#[test]
+fn the_command_prints_the_sources_that_the_core_lists() {
+    let mut scenarios: Vec<Scenario> =
+        ["seminar-room", "single-anchor", "corridor", "l-shaped-office", "dw3000-office"]
+            .iter()
+            .map(|name| Scenario::find(name).unwrap().0)
+            .collect();
+    scenarios.push(room(""));
+    let (mut twice, mut ordered, mut either) = (0, 0, 0);
+    for scenario in &mut scenarios {
+        scenario.prior.floor_plan.told = Told::Walls;
+        scenario.prior.floor_plan.known = true;
+        scenario.propagation.reflection_order = 2;
+        for seed in 1..=3 {
+            let export = Export::of_scenario(scenario, Some(seed)).unwrap();
+            let setup = Setup::new(&before(scenario, 0, seed), Path::new("room"), Some(seed)).unwrap();
+            let tracker = setup.tracker::<LARGE_ANCHORS>().unwrap_or_else(|error| panic!("{error}"));
+            let sources = printed(&export);
+            assert_eq!(listed(&tracker), sources, "{} {seed}", scenario.name);
+            twice += sources.iter().filter(|(_, walls, _)| walls.len() == 2).count();
+            ordered +=
+                sources.iter().filter(|(_, walls, is_either)| !is_either && !walls.is_sorted()).count();
+            either += sources.iter().filter(|(.., is_either)| *is_either).count();
+        }
+    }
+    // Each of what is compared occurs: the second wall before the first, and corners.
+    assert!(twice > 50 && ordered > 10 && either > 10, "{twice} {ordered} {either}");
 }
 
 #[test]

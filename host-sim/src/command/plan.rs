@@ -21,7 +21,7 @@ pub struct Options {
     #[arg(long)]
     seed: Option<u64>,
     /// Check the plan against the simulated channel instead: which sources have a path where it calls them unavailable or
-    /// clear.
+    /// clear. All sources of the plan are looked at, also where recordings of the scenario do not tell it.
     #[arg(long, conflicts_with_all = ["format", "seed"])]
     check: bool,
     /// Print one JSON object.
@@ -41,12 +41,16 @@ enum Format {
 
 pub fn run(options: &Options) -> Result<(), Failure> {
     if options.check {
+        if Path::new(&options.file).is_dir() {
+            let reason = "is a recording, which cannot say where paths would be";
+            return Err(InputError::new(&options.file, reason).allowed("a scenario").into());
+        }
         let (scenario, folder) = Scenario::find(&options.file)?;
         let check = check(&scenario, folder.as_deref())?;
         if options.json {
             return print_json(&check);
         }
-        print_check(&check);
+        print_check(&check, remark(&scenario));
         return Ok(());
     }
     let (export, remark) = find(options)?;
@@ -64,7 +68,10 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-fn print_check(check: &Check) {
+fn print_check(check: &Check, remark: &str) {
+    if !remark.is_empty() {
+        print(remark);
+    }
     print("the plan calls a source     looks   with a path   share");
     let rows = [
         ("unavailable (below 0.1)", &check.unavailable),
@@ -72,7 +79,8 @@ fn print_check(check: &Check) {
         ("clear (above 0.9)", &check.clear),
     ];
     for (name, looks) in rows {
-        print(&format!("{name:<24} {:>8} {:>13} {:>7.3}", looks.looks, looks.with_path, looks.share()));
+        let share = looks.share().map_or_else(|| "-".into(), |share| format!("{share:.3}"));
+        print(&format!("{name:<24} {:>8} {:>13} {share:>7}", looks.looks, looks.with_path));
     }
 }
 
@@ -85,15 +93,19 @@ fn find(options: &Options) -> Result<(Export, &'static str), Failure> {
         return Ok((Export::of_recording(&Recording::read(&options.file)?), ""));
     }
     let (scenario, _) = Scenario::find(&options.file)?;
+    Ok((Export::of_scenario(&scenario, options.seed)?, remark(&scenario)))
+}
+
+/// What must be known of a plan that recordings do not tell.
+fn remark(scenario: &Scenario) -> &'static str {
     let plan = &scenario.prior.floor_plan;
-    let remark = match (plan.known, plan.told) {
+    match (plan.known, plan.told) {
         (false, _) => "Recordings of this scenario tell nothing of it: prior.floor_plan.known is false.",
         (true, Told::VirtualAnchors) => {
             "Recordings of this scenario tell virtual anchors along the way instead, each with an error of its own."
         }
         (true, Told::Walls) => "",
-    };
-    Ok((Export::of_scenario(&scenario, options.seed)?, remark))
+    }
 }
 
 fn print_table(export: &Export, remark: &str) {
@@ -128,11 +140,14 @@ fn print_table(export: &Export, remark: &str) {
             ));
         }
     }
-    print("\nsource  anchor    walls      x_m      y_m    std_m  seen_share");
+    print(
+        "\nsource  anchor    walls      x_m      y_m    std_m  seen_share   (walls from the anchor on; a/b: in either order)",
+    );
     let figure = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.2}"));
     for (index, source) in export.sources.iter().enumerate() {
         let walls: Vec<String> = source.walls.iter().map(|wall| wall.to_string()).collect();
-        let walls = if walls.is_empty() { "-".into() } else { walls.join(" ") };
+        let between = if source.is_either_order == Some(true) { "/" } else { " " };
+        let walls = if walls.is_empty() { "-".into() } else { walls.join(between) };
         let ([x, y], share) = (source.position_m, source.seen_share);
         print(&format!(
             "{index:>6} {:>7} {walls:>8} {x:>8.3} {y:>8.3} {:>8.3} {:>11}",

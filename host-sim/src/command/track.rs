@@ -137,16 +137,20 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         }
     }
     if !run.walls.is_empty() {
-        print("\nwall through    x m      y m  normal deg  offset dev. m  rotation dev. deg  existence");
+        print(
+            "\nwall through    x m      y m  normal deg  moved m  offset dev. m  rotation dev. deg  existence",
+        );
         for wall in &run.walls {
             let ([x, y], [nx, ny]) = (wall.centre_m, wall.normal);
             print(&format!(
-                "{:<10} {x:>8.2} {y:>8.2} {:>11.1} {:>14.3} {:>18.2} {:>10.3}",
+                "{:<10} {x:>8.2} {y:>8.2} {:>11.1} {:>8} {:>14.3} {:>18.2} {:>10.3}{}",
                 if wall.is_told { "told" } else { "grown" },
                 ny.atan2(nx).to_degrees(),
+                metres(wall.moved_m),
                 wall.offset_std_m,
                 wall.rotation_std_rad.to_degrees(),
-                wall.existence
+                wall.existence,
+                if wall.is_doubted { "  doubted" } else { "" }
             ));
         }
     }

@@ -1,12 +1,12 @@
 //! Walls: those that grow on the map of rooms with two anchors and no plan told, against those that two anchors' images or a
 //! second reflection show; and how far those of a plan are from where they are, before and after the way.
 
+use super::rooms::summary::quantile;
 use crate::floor_plan;
 use crate::input_error::InputError;
-use crate::recording::{PlanWall, Recording};
 use crate::replay::Setup;
 use crate::scenario::{Scenario, Told};
-use crate::score::walls::WallScore;
+use crate::score::walls::{FoundWall, GrownWall, ToldWall, WallScore, grown, told};
 use crate::simulator::Simulator;
 use crate::track::track_setup;
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ use serde::Serialize;
 use std::path::Path;
 
 /// Rooms as they stand, with their first two anchors.
-const ROOMS: [(&str, [usize; 2]); 2] = [("seminar-room", [0, 1]), ("l-shaped-office", [0, 1])];
+pub const ROOMS: [(&str, [usize; 2]); 2] = [("seminar-room", [0, 1]), ("l-shaped-office", [0, 1])];
 
 /// A run.
 #[derive(Clone, Debug, Serialize)]
@@ -31,7 +31,9 @@ pub struct Run {
     /// Images by one reflection that were seen and are not in the map, by anchor and position in metres.
     pub missed: Vec<(usize, [f64; 2])>,
     /// The walls.
-    pub walls: Vec<crate::score::walls::FoundWall>,
+    pub walls: Vec<FoundWall>,
+    /// How far those that are right are from where they are.
+    pub grown_walls: Vec<GrownWall>,
     /// The virtual anchors.
     pub virtual_anchors: Vec<crate::track::MappedVirtualAnchor>,
 }
@@ -60,6 +62,7 @@ pub fn run(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<Run>, InputErr
             score: track.wall_score,
             rmse_m: track.score.rmse_m,
             missed: WallScore::missed(&recording, &images),
+            grown_walls: grown(&recording, &track.walls),
             walls: track.walls,
             virtual_anchors: track.virtual_anchors,
         })
@@ -69,20 +72,16 @@ pub fn run(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<Run>, InputErr
 
 /// Deviations that the walls of a plan are told with: of the offset, metres, and of the rotation, degrees.
 const TOLD: (f64, f64) = (0.07, 0.5);
-/// A wall is seen where a path by it alone is this strong (power ratio) in so many cycles.
-const SEEN: (f64, usize) = (3.0, 20);
 
-/// The walls of a plan that were seen on a way: how far each is from where it is at its centre, along its normal, metres.
+/// The walls of a plan that were seen on a way, believed at its end or not.
 #[derive(Clone, Debug, Serialize)]
 pub struct ToldRun {
     /// The room.
     pub room: &'static str,
     /// The seed.
     pub seed: u64,
-    /// As told.
-    pub told_m: Vec<f64>,
-    /// After the way.
-    pub after_m: Vec<f64>,
+    /// How far each is from where it is.
+    pub walls: Vec<ToldWall>,
     /// Root mean square error of the position, metres.
     pub rmse_m: Option<f64>,
 }
@@ -102,41 +101,78 @@ pub fn run_told(seeds: &[u64], on_run: impl Fn() + Sync) -> Result<Vec<ToldRun>,
         let truth = floor_plan::told(&scenario, None)?.plan.walls;
         let simulator = Simulator::new(&scenario, None, way as usize, Some(*seed))?;
         let recording = simulator.record(simulator.cycles(), || {});
-        let told = recording.plan.as_ref().map_or(&[][..], |plan| &plan.walls);
         let file = Path::new(name);
         let track = track_setup(&Setup::new(&recording, file, Some(*seed))?, &recording, file, || {})?;
         on_run();
-        let (mut told_m, mut after_m) = (Vec::new(), Vec::new());
-        for wall in seen(&recording, told.len()) {
-            let found = track.walls.iter().find(|found| found.plan_wall == Some(wall));
-            let Some(found) = found else { continue };
-            told_m.push(away_m(&truth[wall], told[wall].centre_m(), told[wall].normal()));
-            after_m.push(away_m(&truth[wall], found.centre_m, found.normal));
-        }
-        Ok(ToldRun { room: name, seed: *seed, told_m, after_m, rmse_m: track.score.rmse_m })
+        let walls = told(&recording, &truth, &track.walls);
+        Ok(ToldRun { room: name, seed: *seed, walls, rmse_m: track.score.rmse_m })
     });
     runs.collect()
 }
 
-/// How far a line is from a wall at the wall's centre, metres.
-fn away_m(wall: &PlanWall, on_line_m: [f64; 2], [nx, ny]: [f64; 2]) -> f64 {
-    let [x, y] = wall.centre_m();
-    (nx * (x - on_line_m[0]) + ny * (y - on_line_m[1])).abs()
+/// Errors over the deviations that the tracker gave them: 0.67 and 1.64 where it is right.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Ratios {
+    /// How many there are.
+    pub count: usize,
+    /// Their median.
+    pub median: Option<f64>,
+    /// Their 90 % quantile.
+    pub p90: Option<f64>,
 }
 
-/// The walls of a plan by which single reflections were seen.
-fn seen(recording: &Recording, walls: usize) -> Vec<usize> {
-    let mut strong = vec![0; walls];
-    for path in recording.cycles.iter().flat_map(|cycle| &cycle.truth_paths) {
-        let Some(source) = path.virtual_anchor.map(|index| &recording.virtual_anchors[index]) else {
-            continue;
-        };
-        let sequence: Vec<usize> = source.walls.iter().collect();
-        if let [wall] = sequence[..]
-            && path.sinr > SEEN.0
-        {
-            strong[wall] += 1;
-        }
+impl Ratios {
+    fn of(errors: impl Iterator<Item = (f64, f64)>) -> Self {
+        let ratios: Vec<f64> = errors.map(|(error, std)| error / std).collect();
+        let at = |share| quantile(share, ratios.iter().copied());
+        Self { count: ratios.len(), median: at(0.5), p90: at(0.9) }
     }
-    (0..walls).filter(|&wall| strong[wall] >= SEEN.1).collect()
+}
+
+/// The walls of a room over all runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// The room.
+    pub room: &'static str,
+    /// Walls told that were seen on the way.
+    pub told: usize,
+    /// Of those, doubted at the end.
+    pub doubted: usize,
+    /// How far they are off as told, doubted ones included, mean in metres.
+    pub told_m: Option<f64>,
+    /// The same after the way.
+    pub after_m: Option<f64>,
+    /// The same of those that are believed.
+    pub believed_m: Option<f64>,
+    /// Offsets of all of them after the way over their deviations.
+    pub told_offset: Ratios,
+    /// Offsets of the grown walls that are right over their deviations.
+    pub grown_offset: Ratios,
+    /// Angles of the same.
+    pub grown_rotation: Ratios,
+}
+
+/// The figures of every room.
+pub fn summaries(runs: &[Run], told: &[ToldRun]) -> Vec<Summary> {
+    let of = |&(room, _): &(&'static str, _)| {
+        let walls = || told.iter().filter(move |run| run.room == room).flat_map(|run| &run.walls);
+        let grown = || runs.iter().filter(move |run| run.room == room).flat_map(|run| &run.grown_walls);
+        Summary {
+            room,
+            told: walls().count(),
+            doubted: walls().filter(|wall| wall.is_doubted).count(),
+            told_m: mean(walls().map(|wall| wall.told_m)),
+            after_m: mean(walls().map(|wall| wall.after_m)),
+            believed_m: mean(walls().filter(|wall| !wall.is_doubted).map(|wall| wall.after_m)),
+            told_offset: Ratios::of(walls().map(|wall| (wall.after_m, wall.std_m))),
+            grown_offset: Ratios::of(grown().map(|wall| (wall.offset_m, wall.offset_std_m))),
+            grown_rotation: Ratios::of(grown().map(|wall| (wall.rotation_rad, wall.rotation_std_rad))),
+        }
+    };
+    ROOMS.iter().map(of).collect()
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let values: Vec<f64> = values.collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }

@@ -1,13 +1,14 @@
 //! Whether the images are where the plan lets them be seen: its availability beside the paths of the simulated channel.
 //!
 //! At the true places of the scenario's ways, with the plan as it stands: of the sources that the plan calls unavailable, how
-//! many have a path all the same, and of those that it calls clear, how many have one.
+//! many have a path all the same, and of those that it calls clear, how many have one. The sources are all that the core lists
+//! of the plan, also where recordings do not tell it (`prior.floor_plan.known = false`): what is checked is the plan, not what
+//! a tracker makes of it.
 
 use super::told;
 use crate::channel::Channel;
 use crate::geometry::distance_m;
 use crate::input_error::InputError;
-use crate::replay::SEGMENTS;
 use crate::scenario::Scenario;
 use crate::told_plan;
 use cogmint_core::model::availability::{WallNow, Walls};
@@ -42,9 +43,9 @@ impl Looks {
         self.with_path += usize::from(has_path);
     }
 
-    /// Share of the looks with a path; NaN without a look.
-    pub fn share(&self) -> f64 {
-        self.with_path as f64 / self.looks as f64
+    /// Share of the looks with a path; none without a look.
+    pub fn share(&self) -> Option<f64> {
+        (self.looks > 0).then(|| self.with_path as f64 / self.looks as f64)
     }
 }
 
@@ -84,8 +85,7 @@ pub fn check(scenario: &Scenario, folder: Option<&Path>) -> Result<Check, InputE
         return Err(InputError::new(&scenario.name, reason).for_item("prior.floor_plan.room"));
     }
     let told = told(scenario, None)?;
-    let refused = |error: cogmint_core::Error| InputError::new(&scenario.name, error.to_string());
-    let plan = told_plan::ToldPlan::new(&told.plan).kept::<SEGMENTS>().map_err(refused)?;
+    let plan = told_plan::ToldPlan::new(&told.plan).kept(&scenario.name, "room")?;
     let walls = Walls::new(&plan, |_, wall| WallNow::told(wall, THROUGH));
     let mut check = Check::default();
     for trajectory in 0..scenario.trajectories.len() {

@@ -34,6 +34,9 @@ pub struct Source {
     /// Share of the outline from which it is seen; a recording does not keep it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seen_share: Option<f64>,
+    /// Whether its two walls may come in either order; a recording does not keep it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub is_either_order: Option<bool>,
 }
 
 impl Export {
@@ -54,6 +57,7 @@ impl Export {
             position_m: source.position_m,
             std_m: source.std_m,
             seen_share: Some(source.seen_share),
+            is_either_order: Some(source.is_either_order),
         };
         Ok(Self {
             name: scenario.name.clone(),
@@ -72,6 +76,7 @@ impl Export {
             position_m: va.told_position_m.unwrap_or(va.position_m),
             std_m: va.std_m,
             seen_share: None,
+            is_either_order: None,
         });
         Self {
             name: recording.name.clone(),
@@ -173,14 +178,14 @@ impl Export {
             .walls
             .iter()
             .enumerate()
-            .flat_map(|(n, wall)| wall.segments_m.iter().map(move |ends| (n, ends)));
+            .flat_map(|(n, wall)| wall.on_line_m().into_iter().map(move |ends| (n, ends)));
         let _ = write!(
             text,
             "];\n\n/// What they consist of.\npub const SEGMENTS: [PlanSegment; {}] = [\n",
             segments.clone().count()
         );
         for (wall, [from_m, to_m]) in segments {
-            let ends = format!("[{}, {}]", point(*from_m), point(*to_m));
+            let ends = format!("[{}, {}]", point(from_m), point(to_m));
             let _ = writeln!(text, "    PlanSegment {{ wall: {wall}, ends_m: {ends} }},");
         }
         text.push_str("];\n\n/// The plan. The core lists these sources, the most useful first:\n///\n");

@@ -150,7 +150,7 @@ impl Drawn {
         let mut told_ends_m = vec![None; names.len()];
         for (index, of) in walls::collinear(&segments_m).into_iter().enumerate() {
             let wall = PlanWall {
-                segments_m: walls::on_one_line(&segments_m, &of),
+                segments_m: of.iter().map(|&segment| segments_m[segment]).collect(),
                 offset_std_m: settings.wall_offset_std_m(),
                 rotation_std_rad: settings.wall_rotation_std_deg.to_radians(),
                 construction: names[kept[of[0]]].1.to_owned(),
@@ -183,8 +183,8 @@ impl Drawn {
     /// What is told of it: the sources that the core lists, of the plan alone.
     fn told(&self, scenario: &Scenario) -> Result<ToldPlan, InputError> {
         let walls = &self.told.walls;
-        let refused = |error: cogmint_core::Error| InputError::new(&scenario.name, error.to_string());
-        let kept = crate::told_plan::ToldPlan::new(&self.told).kept::<SEGMENTS>().map_err(refused)?;
+        let item = if self.is_other_room { "prior.floor_plan.room" } else { "room" };
+        let kept = crate::told_plan::ToldPlan::new(&self.told).kept(&scenario.name, item)?;
         let anchor = |anchor: &scenario::Anchor| cogmint_core::Anchor {
             position_m: anchor.position_m.map(|x| x as f32),
             height_m: anchor.height_m as f32,

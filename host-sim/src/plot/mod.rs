@@ -31,7 +31,7 @@ pub use heat_map::{HeatMap, HeatRows};
 pub use lines::{LineFigure, Series, Span};
 pub use room::{RoomFigure, RoomWall, VirtualAnchor};
 use svg::{Area, Svg};
-pub use track::{MappedAnchor, TrackFigure};
+pub use track::{MappedAnchor, MappedWall, TrackFigure, WallKind};
 
 /// Width of every picture, in SVG units (CSS pixels).
 const PICTURE_WIDTH: f64 = 920.0;

@@ -263,6 +263,13 @@ impl Svg {
         self.text.push_str("/>\n");
     }
 
+    /// A polygon that leaves visible what is below it.
+    pub(super) fn band(&mut self, points: &[[f64; 2]], colour: &str) {
+        self.text.push_str("<polygon points=\"");
+        self.points(points);
+        let _ = writeln!(self.text, "\" fill=\"{colour}\" fill-opacity=\"0.22\"/>");
+    }
+
     /// A marker of a radius; hollow ones are filled with white.
     pub(super) fn marker(
         &mut self,

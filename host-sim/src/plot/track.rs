@@ -11,9 +11,12 @@ use super::svg::{Area, INK, Key, Marker, SOFT_INK, Stroke, Svg, colour, dashes};
 
 /// 95 % of a two-dimensional normal distribution lie within this many standard deviations.
 const ELLIPSE_95: f64 = 2.447_746_830_680_816;
-const WALL: &str = "#8d8478";
+/// Of a normal distribution of one dimension as many.
+const BAND_95: f64 = 1.959_963_984_540_054;
+const WALL: &str = "#c9c1b4";
 const TRUTH: &str = "#c4c4c4";
 const MAPPED: &str = "#7b3f9e";
+const TOLD_WALL: Stroke = Stroke::new(INK, 0.9);
 
 /// A virtual anchor in a figure.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -26,6 +29,65 @@ pub struct MappedAnchor {
     pub covariance_m2: Option<[f64; 3]>,
     /// Whether it is the truth, else an estimate.
     pub is_truth: bool,
+}
+
+/// How a wall of the map differs from what was told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WallKind {
+    /// It was told elsewhere.
+    Moved,
+    /// It was not told.
+    Grown,
+    /// It is rather not there.
+    Doubted,
+}
+
+impl WallKind {
+    const ALL: [Self; 3] = [Self::Moved, Self::Grown, Self::Doubted];
+
+    fn label(self) -> &'static str {
+        match self {
+            Self::Moved => "wall moved by the tracker, 95 % band",
+            Self::Grown => "wall grown by the tracker, 95 % band",
+            Self::Doubted => "wall doubted",
+        }
+    }
+
+    fn stroke(self) -> Stroke {
+        match self {
+            Self::Moved => Stroke::new(MAPPED, 1.6),
+            Self::Grown => Stroke::new(colour(2), 1.6),
+            Self::Doubted => Stroke { dashes: "5 4", ..Stroke::new(colour(1), 1.6) },
+        }
+    }
+}
+
+/// A wall of the map in a figure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MappedWall {
+    /// How it differs from what was told.
+    pub kind: WallKind,
+    /// Its parts, each from end to end, in metres, with the standard deviation across it at places evenly from the one to the
+    /// other.
+    pub segments: Vec<([[f64; 2]; 2], [f64; Self::PLACES])>,
+}
+
+impl MappedWall {
+    /// Places along a segment that have a deviation.
+    pub const PLACES: usize = 9;
+}
+
+/// The corners of a segment's 95 % band, once round.
+fn band_of([[ax, ay], [bx, by]]: [[f64; 2]; 2], deviations_m: &[f64; MappedWall::PLACES]) -> Vec<[f64; 2]> {
+    let length_m = (bx - ax).hypot(by - ay);
+    let [nx, ny] = [(ay - by) / length_m, (bx - ax) / length_m];
+    let at = |(n, deviation_m): (usize, &f64), side: f64| {
+        let share = n as f64 / (MappedWall::PLACES - 1) as f64;
+        let off_m = side * BAND_95 * deviation_m;
+        [ax + share * (bx - ax) + off_m * nx, ay + share * (by - ay) + off_m * ny]
+    };
+    let places = || deviations_m.iter().enumerate();
+    places().map(|place| at(place, 1.0)).chain(places().rev().map(|place| at(place, -1.0))).collect()
 }
 
 /// A track over the floor plan, with equal scales. Everything is in metres.
@@ -43,8 +105,10 @@ pub struct TrackFigure {
     pub virtual_anchors: Vec<MappedAnchor>,
     /// Walls, from end to end.
     pub walls: Vec<[[f64; 2]; 2]>,
-    /// Walls as the tracker believes them to stand, from end to end.
-    pub found_walls: Vec<[[f64; 2]; 2]>,
+    /// Walls as the plan tells them, from end to end.
+    pub told_walls: Vec<[[f64; 2]; 2]>,
+    /// Walls of the map that differ from the plan's.
+    pub found_walls: Vec<MappedWall>,
     /// Positions along the first estimated track with their covariances xx, xy, yy, in square metres.
     pub ellipses: Vec<([f64; 2], [f64; 3])>,
     /// Whether the window takes in the virtual anchors, else it keeps to the track and what is near it.
@@ -90,7 +154,7 @@ impl TrackFigure {
             points.filter(|point| limit.contains(point)).for_each(|&point| window.include(point));
         };
         take_in(&mut estimates(), 0.4);
-        take_in(&mut self.walls.iter().flatten(), 0.5);
+        take_in(&mut self.walls.iter().chain(&self.told_walls).flatten(), 0.5);
         // Images of second order lie up to two rooms away.
         let reach = if self.shows_map { 4.0 } else { 0.5 };
         take_in(&mut self.virtual_anchors.iter().map(|image| &image.position_m), reach);
@@ -129,10 +193,15 @@ impl TrackFigure {
             items.push((Key::Marker(Marker::Diamond, MAPPED, true), "virtual anchor, estimated".to_owned()));
         }
         if !self.walls.is_empty() {
-            items.push((Key::Line(Stroke::new(WALL, 2.6)), "wall".to_owned()));
+            items.push((Key::Line(Stroke::new(WALL, 4.0)), "wall".to_owned()));
         }
-        if !self.found_walls.is_empty() {
-            items.push((Key::Line(Stroke::new(MAPPED, 1.6)), "wall, estimated".to_owned()));
+        if !self.told_walls.is_empty() {
+            items.push((Key::Line(TOLD_WALL), "wall as told".to_owned()));
+        }
+        for kind in WallKind::ALL {
+            if self.found_walls.iter().any(|wall| wall.kind == kind) {
+                items.push((Key::Line(kind.stroke()), kind.label().to_owned()));
+            }
         }
         items
     }
@@ -147,11 +216,12 @@ impl TrackFigure {
         let frame = plan.draw(svg, area, &self.title, &self.legend(&plan.window));
         svg.begin_clip(frame.area);
         for wall in self.walls.iter().filter(|wall| wall.iter().all(is_drawable)) {
-            svg.line(frame.place(wall[0]), frame.place(wall[1]), Stroke::new(WALL, 2.6));
+            svg.line(frame.place(wall[0]), frame.place(wall[1]), Stroke::new(WALL, 4.0));
         }
-        for wall in self.found_walls.iter().filter(|wall| wall.iter().all(is_drawable)) {
-            svg.line(frame.place(wall[0]), frame.place(wall[1]), Stroke::new(MAPPED, 1.6));
+        for wall in self.told_walls.iter().filter(|wall| wall.iter().all(is_drawable)) {
+            svg.line(frame.place(wall[0]), frame.place(wall[1]), TOLD_WALL);
         }
+        self.draw_found_walls(svg, &frame);
         draw_track(svg, &frame, &self.truth, truth_stroke());
         for &(centre, covariance_m2) in &self.ellipses {
             draw_ellipse(svg, &frame, centre, covariance_m2, colour(0));
@@ -165,6 +235,20 @@ impl TrackFigure {
         }
         svg.end_clip();
         self.draw_anchors(svg, &frame, &plan.window);
+    }
+
+    fn draw_found_walls(&self, svg: &mut Svg, frame: &Frame) {
+        for MappedWall { kind, segments } in &self.found_walls {
+            for (ends_m, deviations_m) in segments.iter().filter(|(ends_m, _)| ends_m.iter().all(is_drawable))
+            {
+                let band = band_of(*ends_m, deviations_m);
+                if *kind != WallKind::Doubted && band.iter().all(is_drawable) {
+                    let corners: Vec<_> = band.into_iter().map(|corner_m| frame.place(corner_m)).collect();
+                    svg.band(&corners, kind.stroke().colour);
+                }
+                svg.line(frame.place(ends_m[0]), frame.place(ends_m[1]), kind.stroke());
+            }
+        }
     }
 
     /// Anchors and virtual anchors with their names, which keep out of each other's way.
@@ -332,6 +416,27 @@ mod tests {
         let without = TrackFigure { virtual_anchors: without.collect(), ..figure.clone() };
         // Two estimates and the legend.
         assert_eq!(ellipses(figure) - ellipses(without), 3);
+    }
+
+    #[test]
+    fn walls_are_drawn_segment_by_segment_with_bands_where_they_are_believed() {
+        let gap = vec![([[1.0, 2.0], [3.0, 2.0]], [0.1; 9]), ([[5.0, 2.0], [6.0, 2.0]], [0.1; 9])];
+        let wall = |kind| MappedWall { kind, segments: gap.clone() };
+        let figure = TrackFigure { truth: circle(100), ..TrackFigure::default() };
+        let marks = |found_walls: Vec<MappedWall>| {
+            let told_walls = vec![[[0.0, 3.0], [6.0, 3.0]]];
+            let svg = Picture::of(TrackFigure { told_walls, found_walls, ..figure.clone() }).svg();
+            [svg.matches("fill-opacity=\"0.22\"").count(), svg.matches("<line").count()]
+        };
+        let [none, moved, doubted] =
+            [marks(vec![]), marks(vec![wall(WallKind::Moved)]), marks(vec![wall(WallKind::Doubted)])];
+        // Two segments and the line of the legend.
+        assert_eq!((moved[0] - none[0], moved[1] - none[1]), (2, 3));
+        assert_eq!((doubted[0] - none[0], doubted[1] - none[1]), (0, 3));
+        let band = band_of([[1.0, 2.0], [3.0, 2.0]], &[0.1; 9]);
+        assert!(
+            band.iter().all(|[_, y]| ((y - 2.0).abs() - BAND_95 * 0.1).abs() < 1e-12) && band.len() == 18
+        );
     }
 
     #[test]

@@ -157,7 +157,7 @@ fn check_plan(plan: &Plan) -> Result<(), Fault> {
         }
         let off_line_m = wall.off_line_m();
         if !(off_line_m <= LINE_TOLERANCE_M) {
-            let reason = format!("has an end {} m beside the line of the first", number(off_line_m));
+            let reason = format!("has an end {} m beside the line of all", number(off_line_m));
             return Err(Fault::key(key("segments_m"), reason)
                 .allowed(format!("segments on one line to {LINE_TOLERANCE_M} m")));
         }

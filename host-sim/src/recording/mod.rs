@@ -47,6 +47,7 @@ mod write;
 use serde::{Deserialize, Serialize};
 
 pub use crate::input_error::InputError;
+pub(crate) use plan::off_line_m;
 pub use plan::{
     LINE_TOLERANCE_M, MAX_PLAN_SEGMENTS, MAX_PLAN_WALLS, MAX_SEQUENCE, Plan, PlanWall, USUAL_TURN_STD_DEG,
     WallSequence,

@@ -62,12 +62,10 @@ pub struct PlanWall {
 }
 
 impl PlanWall {
-    /// Unit vector along the wall, from the first end of its first segment to the second.
+    /// Unit vector along the wall, the way that its first segment runs.
     pub fn direction(&self) -> [f64; 2] {
-        let [a, b] = self.segments_m.first().copied().unwrap_or([[0.0; 2], [1.0, 0.0]]);
-        let along = [b[0] - a[0], b[1] - a[1]];
-        let length_m = (along[0] * along[0] + along[1] * along[1]).sqrt();
-        [along[0] / length_m, along[1] / length_m]
+        let (_, direction) = line_of(&self.segments_m);
+        direction
     }
 
     /// Unit normal: the direction turned left, (-y, x).
@@ -78,8 +76,7 @@ impl PlanWall {
 
     /// Midpoint of the extent of all segments, in metres: what the rotation is about.
     pub fn centre_m(&self) -> [f64; 2] {
-        let ([from_m, to_m], [x, y]) = (self.extent_m(), self.direction());
-        let [a, _] = self.segments_m.first().copied().unwrap_or_default();
+        let ([from_m, to_m], (a, [x, y])) = (self.extent_m(), line_of(&self.segments_m));
         let middle_m = 0.5 * (from_m + to_m);
         [a[0] + middle_m * x, a[1] + middle_m * y]
     }
@@ -90,22 +87,83 @@ impl PlanWall {
         0.5 * (to_m - from_m)
     }
 
-    /// Least and largest place of any end along the wall, from the first end of the first segment, in metres.
+    /// Its segments laid on its line, the longest first and running along its direction, the others in order: what is lost
+    /// when they are rounded then turns the wall the least.
+    pub fn on_line_m(&self) -> Vec<[[f64; 2]; 2]> {
+        if self.segments_m.len() < 2 {
+            return self.segments_m.clone();
+        }
+        let (a, [x, y]) = line_of(&self.segments_m);
+        let place_m = |end: [f64; 2]| (end[0] - a[0]) * x + (end[1] - a[1]) * y;
+        let mut places_m: Vec<[f64; 2]> = self.segments_m.iter().map(|ends_m| ends_m.map(place_m)).collect();
+        let length_m = |[from_m, to_m]: [f64; 2]| (to_m - from_m).abs();
+        let longer = |longest: usize, n: usize| {
+            if length_m(places_m[n]) > length_m(places_m[longest]) { n } else { longest }
+        };
+        let longest = (0..places_m.len()).fold(0, longer);
+        places_m[..=longest].rotate_right(1);
+        places_m[0].sort_by(f64::total_cmp);
+        let end_m = |place_m: f64| [a[0] + place_m * x, a[1] + place_m * y];
+        places_m.into_iter().map(|places_m| places_m.map(end_m)).collect()
+    }
+
+    /// Least and largest place of any end along the wall, from the point that its line is given by, in metres.
     fn extent_m(&self) -> [f64; 2] {
-        let [x, y] = self.direction();
-        let [a, _] = self.segments_m.first().copied().unwrap_or_default();
+        let (a, [x, y]) = line_of(&self.segments_m);
         let places = self.segments_m.iter().flatten().map(|end| (end[0] - a[0]) * x + (end[1] - a[1]) * y);
         places.fold([0.0, 0.0], |[from, to]: [f64; 2], place| [from.min(place), to.max(place)])
     }
 
     /// Largest distance of any end from the wall's line, in metres.
     pub(crate) fn off_line_m(&self) -> f64 {
-        let [x, y] = self.normal();
-        let [a, _] = self.segments_m.first().copied().unwrap_or_default();
-        let away =
-            self.segments_m.iter().flatten().map(|end| ((end[0] - a[0]) * x + (end[1] - a[1]) * y).abs());
-        away.fold(0.0, f64::max)
+        off_line_m(&self.segments_m)
     }
+}
+
+/// A point on the line of segments, and the unit vector along it, the way that the first runs. One segment is its line; several
+/// have the one with the least square distance from all their points, so that a short segment does not turn a long wall.
+fn line_of(segments_m: &[[[f64; 2]; 2]]) -> ([f64; 2], [f64; 2]) {
+    let Some(&[origin_m, to_m]) = segments_m.first() else { return ([0.0; 2], [1.0, 0.0]) };
+    let first = [to_m[0] - origin_m[0], to_m[1] - origin_m[1]];
+    let unit = |[x, y]: [f64; 2]| {
+        let length = (x * x + y * y).sqrt();
+        [x / length, y / length]
+    };
+    if segments_m.len() == 1 {
+        return (origin_m, unit(first));
+    }
+    // From the first end: far from the origin no digits are lost.
+    let pieces = || {
+        segments_m.iter().map(|[a, b]| {
+            let [x, y] = [b[0] - a[0], b[1] - a[1]];
+            let middle_m = [0.5 * (a[0] + b[0]) - origin_m[0], 0.5 * (a[1] + b[1]) - origin_m[1]];
+            ((x * x + y * y).sqrt(), middle_m, [x, y])
+        })
+    };
+    let total_m: f64 = pieces().map(|(length_m, ..)| length_m).sum();
+    let mean = |axis: usize| {
+        pieces().map(|(length_m, middle_m, _)| length_m * middle_m[axis]).sum::<f64>() / total_m
+    };
+    let mean_m = [mean(0), mean(1)];
+    let moment = |i: usize, j: usize| -> f64 {
+        let of = |(length_m, middle_m, along): (f64, [f64; 2], [f64; 2])| {
+            let between = (middle_m[i] - mean_m[i]) * (middle_m[j] - mean_m[j]);
+            length_m * (between + along[i] * along[j] / 12.0)
+        };
+        pieces().map(of).sum()
+    };
+    let (half, cross) = (0.5 * (moment(0, 0) - moment(1, 1)), moment(0, 1));
+    let root = half.hypot(cross);
+    let [x, y] = unit(if half < 0.0 { [cross, root - half] } else { [root + half, cross] });
+    let direction = if x * first[0] + y * first[1] < 0.0 { [-x, -y] } else { [x, y] };
+    ([origin_m[0] + mean_m[0], origin_m[1] + mean_m[1]], direction)
+}
+
+/// Largest distance of any end of segments from their line, in metres.
+pub(crate) fn off_line_m(segments_m: &[[[f64; 2]; 2]]) -> f64 {
+    let (a, [x, y]) = line_of(segments_m);
+    let away = segments_m.iter().flatten().map(|end| ((end[1] - a[1]) * x - (end[0] - a[0]) * y).abs());
+    away.fold(0.0, f64::max)
 }
 
 /// The walls of a plan that a path meets, by index, in order from the anchor outwards: at most [`MAX_SEQUENCE`].
@@ -176,6 +234,26 @@ mod tests {
         assert!(near(wall.centre_m(), [3.0, 3.0]), "{:?}", wall.centre_m());
         assert!(near(wall.direction(), [half, half]) && near(wall.normal(), [-half, half]));
         assert!((wall.half_length_m() - 8.0_f64.sqrt()).abs() < 1e-12 && wall.off_line_m() < 1e-12);
+    }
+
+    #[test]
+    fn a_short_first_segment_does_not_turn_a_long_wall() {
+        // As drawn to the millimetre: the first has a direction wrong by 20 mrad of its own.
+        let wall = PlanWall {
+            segments_m: vec![[[700.0, 500.0], [700.03, 500.0006]], [[701.0, 500.0], [712.0, 500.001]]],
+            offset_std_m: 0.1,
+            rotation_std_rad: 0.01,
+            construction: "brick".into(),
+        };
+        let [_, turned] = wall.direction();
+        assert!(
+            turned.abs() < 2e-4 && wall.off_line_m() < LINE_TOLERANCE_M,
+            "{turned} {}",
+            wall.off_line_m()
+        );
+        let [[a, b], [c, d]] = wall.on_line_m()[..] else { panic!("two segments") };
+        assert!((b[0] - a[0] - 11.0).abs() < 1e-3 && (d[0] - c[0] - 0.03).abs() < 1e-3);
+        assert!(off_line_m(&[[a, b], [c, d]]) < 1e-9);
     }
 
     #[test]

@@ -180,7 +180,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
 }
 
 /// The quantile between the nearest ranks; none of nothing and where it is infinite.
-fn quantile(share: f64, values: impl Iterator<Item = f64>) -> Option<f64> {
+pub fn quantile(share: f64, values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
     let place = share * sorted.len().checked_sub(1)? as f64;
