@@ -90,7 +90,7 @@ fn sources(
     plan: &FloorPlan<SEGMENTS>,
     anchors: &[Anchor],
 ) -> Result<(Instructions, Vec<Listed, SOURCES>), MeterError> {
-    instructions(|| list::<SEGMENTS, SOURCES>(plan, anchors, 2, 60.0, 8))
+    instructions(|| list::<SEGMENTS, SOURCES>(plan, anchors, 2, 60.0, 0.15, 8))
 }
 
 /// All sources at a place.
