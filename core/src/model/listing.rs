@@ -234,6 +234,8 @@ mod tests {
 
     const FAR_M: f32 = 1e3;
     const PULSE_M: f32 = 0.15;
+    /// Resolves everything.
+    const SHORT_M: f32 = 1e-3;
     const EXACT: PlanWall = PlanWall { offset_std_m: 0.0, rotation_std_rad: 0.0 };
 
     /// A plan of walls of one segment each, the first `corners` of them the outline.
@@ -272,7 +274,7 @@ mod tests {
     #[test]
     fn a_rectangle_shows_four_images_and_eight_of_two_reflections() {
         let plan = plan(&room(), 4, EXACT);
-        let found = list::<16, 32>(&plan, &[at([2.0, 1.5])], 2, FAR_M, PULSE_M, 8);
+        let found = list::<16, 32>(&plan, &[at([2.0, 1.5])], 2, FAR_M, SHORT_M, 8);
         assert_eq!(found.len(), 12);
         // All single reflections are seen from everywhere but the strips that the walls' deviations leave.
         assert!(found.iter().take(4).all(|source| source.second.is_none() && source.seen_share == 1.0));
@@ -288,10 +290,10 @@ mod tests {
         assert_eq!(pairs(&facing), [(0, 2), (1, 3), (2, 0), (3, 1)]);
         // Equal ones in order; of one reflection alone; none.
         assert_eq!(walls_of(&found[..4]), [(0, None), (1, None), (2, None), (3, None)]);
-        assert_eq!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 1, FAR_M, PULSE_M, 8).as_slice(), &found[..4]);
-        assert!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 0, FAR_M, PULSE_M, 8).is_empty());
+        assert_eq!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 1, FAR_M, SHORT_M, 8).as_slice(), &found[..4]);
+        assert!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 0, FAR_M, SHORT_M, 8).is_empty());
         // What there is room for is the best of it.
-        assert_eq!(list::<16, 7>(&plan, &[at([2.0, 1.5])], 2, FAR_M, PULSE_M, 8).as_slice(), &found[..7]);
+        assert_eq!(list::<16, 7>(&plan, &[at([2.0, 1.5])], 2, FAR_M, SHORT_M, 8).as_slice(), &found[..7]);
     }
 
     #[test]
@@ -322,9 +324,17 @@ mod tests {
         assert!(!single(6.0).iter().any(|source| source.first == 1));
         let half = single(10.0).iter().find(|source| source.first == 1).unwrap().seen_share;
         assert!((0.4..0.6).contains(&half), "{half}");
-        // An anchor on a wall has no image in it.
+        // An anchor on a wall has no image in it that can be told from the direct path; nearby, none that can be at many places.
         let found = list::<16, 64>(&empty, &[at([2.0, 0.0])], 1, FAR_M, PULSE_M, 8);
         assert_eq!(walls_of(&found), [(1, None), (2, None), (3, None)]);
+        let near = |off_m, pulse_m| {
+            let found = list::<16, 64>(&empty, &[at([2.0, off_m])], 1, FAR_M, pulse_m, 8);
+            found.iter().find(|source| source.first == 0).map_or(0.0, |source| source.seen_share)
+        };
+        let shares = [0.02, 0.05, 0.1, 0.3, 1.0].map(|off_m| near(off_m, PULSE_M));
+        assert!(shares.windows(2).all(|pair| pair[0] <= pair[1]), "{shares:?}");
+        assert!(shares[0] < 0.15 && shares[4] > 0.95, "{shares:?}");
+        assert!(near(0.1, 4.0 * PULSE_M) < 0.5 * near(0.1, PULSE_M));
     }
 
     #[test]
@@ -390,13 +400,28 @@ mod tests {
         blocks < 2
     }
 
+    /// Probability that an image is resolved from the direct path, from the length of the path folded at its walls; f64.
+    fn resolved(walls: &[Ends], anchor_m: [f32; 2], met: &[usize], place_m: [f32; 2]) -> f64 {
+        let wide = |[x, y]: [f32; 2]| [f64::from(x), f64::from(y)];
+        // The tag is mirrored, by the last wall first.
+        let image = met.iter().rev().fold(wide(place_m), |[x, y], wall| {
+            let [[ax, ay], [bx, by]] = walls[*wall].map(wide);
+            let (dx, dy) = (bx - ax, by - ay);
+            let off = (dx * (y - ay) - dy * (x - ax)) / (dx * dx + dy * dy);
+            [x + 2.0 * off * dy, y - 2.0 * off * dx]
+        });
+        let length = |[x, y]: [f64; 2]| (x - wide(anchor_m)[0]).hypot(y - wide(anchor_m)[1]);
+        let lag = (length(image) - length(wide(place_m))) / f64::from(PULSE_M);
+        1.0 - (-(lag / 0.6).powi(2)).exp()
+    }
+
     #[test]
     fn the_list_of_an_l_is_that_of_tracing_every_ray() {
         let corners = [[0.0, 0.0], [9.0, 0.0], [9.0, 4.0], [4.0, 4.0], [4.0, 8.0], [0.0, 8.0]];
         let mut walls = around(&corners);
         walls.push([[1.0, 5.5], [2.5, 5.0]]);
         let plan = plan(&walls, 6, EXACT);
-        let anchors = [at([1.2, 7.1]), at([7.3, 2.2])];
+        let anchors = [at([1.2, 7.1]), at([7.3, 0.08])];
         let found = list::<16, 128>(&plan, &anchors, 2, FAR_M, PULSE_M, 16);
         let shares: BTreeMap<(usize, usize, Option<usize>), f32> = found
             .iter()
@@ -420,7 +445,8 @@ mod tests {
                         is_seen(&walls, *position_m, &met, **place_m)
                             || (is_corner && is_seen(&walls, *position_m, &back, **place_m))
                     });
-                    let exact = seen.count() as f32 / places.len() as f32;
+                    let seen: f64 = seen.map(|place_m| resolved(&walls, *position_m, &met, *place_m)).sum();
+                    let exact = (seen / places.len() as f64) as f32;
                     let ours = shares.get(&(anchor, first, second)).copied().unwrap_or(0.0);
                     assert!((ours - exact).abs() < 0.12, "{anchor} {met:?}: {ours} {exact}");
                     // Not listed is only what hardly any place sees.

@@ -47,8 +47,7 @@ pub(super) fn enter_plan<
     let free_surfaces = (0..SURFACES).filter(|slot| filter.surface(*slot).is_none()).count();
     let room = SOURCES.saturating_sub(environment.iter().count()).min(told.most_sources);
     let range_m = config.ranging.max_range_m;
-    let listed =
-        list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, range_m, pulse_m, free_surfaces);
+    let listed = list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, range_m, pulse_m, free_surfaces);
     for &Listed { anchor, first, second, is_either_order, .. } in listed.iter().take(room) {
         let mut surface = |wall: usize| surface_of(filter, environment, plan, wall, config.exact_map);
         let Some(first) = surface(first) else { continue };

@@ -65,7 +65,7 @@ fn root<T: Real>(a: T, b: T) -> T {
 /// Where a path from `near` before a wall to `far` behind it meets it: share of its way, place along the wall, probability
 /// of a segment.
 fn meeting<T: Real>(now: &WallNow<T>, near: T, far: T, from_m: [T; 2], to_m: [T; 2], to_std: T) -> [T; 3] {
-    let per = T::ONE / larger(near + abs(far), T::of(0.01));
+    let per = T::ONE / (near + abs(far) + T::of(1e-3));
     let mut share = near * per;
     // It does not reach the wall: the nearer end.
     if far < T::ZERO {
@@ -162,11 +162,7 @@ fn ends<T: Real>(anchor_m: [T; 2], place_m: [T; 2], std_m: T) -> [Point<T>; 2] {
 }
 
 /// Availability of a path reflected by the walls `sequence`, from the anchor outwards, and its least probability of sides.
-fn traced<T: Real>(
-    walls: &[WallNow<T>],
-    [anchor, tag]: [Point<T>; 2],
-    sequence: &[usize],
-) -> (T, T) {
+fn traced<T: Real>(walls: &[WallNow<T>], [anchor, tag]: [Point<T>; 2], sequence: &[usize]) -> (T, T) {
     let least = T::of(0.01);
     let mut images = vec![anchor.at_m];
     for n in 0..sequence.len() {

@@ -139,7 +139,8 @@ impl<T: Real> Reference<T> {
         let mut start = Start { filter: &mut filter, environment: &mut environment };
         start.enter_virtual_anchors(map.virtual_anchors, &config);
         if let Some(told) = &map.plan {
-            let shortest_s = actions.iter().map(|action| action.pulse_duration_s).fold(f32::INFINITY, f32::min);
+            let shortest_s =
+                actions.iter().map(|action| action.pulse_duration_s).fold(f32::INFINITY, f32::min);
             start.enter_plan(&mut plan, told, anchors, &config, SPEED_OF_LIGHT_M_S * shortest_s);
         }
         let library = Library::new(actions);
