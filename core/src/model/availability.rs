@@ -105,10 +105,13 @@ struct Corner {
     std_m: f32,
 }
 
-/// Bits of a path's corners: the anchor's, that of the first reflection, of the second, the tag's.
+/// Mathematics: the bit of a path's first corner, the anchor.
 const ANCHOR: u8 = 1;
+/// Mathematics: that of its first reflection.
 const FIRST: u8 = 2;
+/// Mathematics: that of its second one.
 const SECOND: u8 = 4;
+/// Mathematics: that of its end, the tag.
 const TAG: u8 = 8;
 
 /// A wall as it lies to both ends of all paths, its normal turned to the tag's side.
