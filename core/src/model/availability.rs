@@ -131,36 +131,43 @@ struct Beside<'a> {
 
 impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
     /// The walls of `plan`, each by its index and as told to `now`.
-    #[inline(always)]
+    #[inline(always)] // built where it stays
     pub fn new(plan: &'a FloorPlan<SEGMENTS>, now: impl Fn(usize, &Wall) -> WallNow) -> Self {
-        let mut built = Self { walls: Vec::new() };
+        let mut walls = Vec::new();
         for (index, wall) in plan.walls().iter().enumerate() {
             let WallNow { line, std_m, through } = now(index, wall);
             let (std_m, through) = (limited(std_m, LEAST_STD_M, MOST_STD_M), limited(through, 0.0, 1.0));
             let now = WallNow { line, std_m, through };
             // As many as in the plan: the pushes succeed.
             let (segments, half_m, reach_m) = (plan.segments_of(wall), wall.half_length_m, SURE * std_m);
-            let _ = built.walls.push(Standing { now, segments, half_m, reach_m });
+            let _ = walls.push(Standing { now, segments, half_m, reach_m });
         }
-        built
+        Self { walls }
     }
 
     /// The paths from an anchor to a place known within `std_m` per axis.
-    #[inline(never)]
+    #[inline(always)] // likewise
     pub fn paths(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> Paths<'_, SEGMENTS> {
         let std_m = limited(std_m, 0.0, MOST_STD_M);
         let (anchor, tag) = (Corner { at_m: anchor_m, std_m: 0.0 }, Corner { at_m: place_m, std_m });
         let mut paths = Paths { walls: self, anchor, tag, beside: Vec::new() };
+        self.look(&mut paths.beside, anchor_m, &tag);
+        paths
+    }
+
+    /// How every wall lies to an anchor and a tag.
+    #[inline(never)]
+    fn look<'s>(&'s self, all: &mut Vec<Beside<'s>, SEGMENTS>, anchor_m: [f32; 2], tag: &Corner) {
         for wall in &self.walls {
             let Line { centre_m: [cx, cy], normal: [nx, ny] } = wall.now.line;
-            let tag_m = wall.now.line.distance_m(place_m);
+            let tag_m = wall.now.line.distance_m(tag.at_m);
             let sign = if tag_m < 0.0 { -1.0 } else { 1.0 };
             let side_m = sign * wall.side_m(anchor_m, wall.now.line.distance_m(anchor_m));
             // No corner of a path is less sure than the tag.
-            let reach_m = SURE * std_m + wall.reach_m;
+            let reach_m = SURE * tag.std_m + wall.reach_m;
             let own_m = sign * (nx * cx + ny * cy);
             // As many as walls: the pushes succeed.
-            let _ = paths.beside.push(Beside {
+            let _ = all.push(Beside {
                 wall,
                 normal: [sign * nx, sign * ny],
                 from_m: own_m + reach_m,
@@ -169,7 +176,6 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
                 behind: ANCHOR * u8::from(side_m <= -wall.reach_m),
             });
         }
-        paths
     }
 }
 
