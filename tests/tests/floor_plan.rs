@@ -151,10 +151,10 @@ fn core_and_twin_list_the_same_sources() {
         let anchors: Vec<Anchor> =
             (0..1 + problem % 3).map(|_| Anchor { position_m: random.place_m(), height_m: 0.0 }).collect();
         let (range_m, walls) = ([8.0, 100.0][problem % 2], [3, 6, 16][problem % 3]);
-        let reflections = problem % 7 % 3;
-        let ours = list::<SEGMENTS, 24>(&plan, &anchors, reflections, range_m, walls);
+        let (reflections, pulse_m) = (problem % 7 % 3, [0.15, 0.6][problem % 2]);
+        let ours = list::<SEGMENTS, 24>(&plan, &anchors, reflections, range_m, pulse_m, walls);
         let twin = TwinPlan::<f32>::new(&told.plan());
-        let theirs = twin_listing::list(&twin, &anchors, reflections, range_m, walls, 24);
+        let theirs = twin_listing::list(&twin, &anchors, reflections, range_m, pulse_m, walls, 24);
         assert_eq!(ours.len(), theirs.len(), "{problem}");
         for (own, twin) in ours.iter().zip(&theirs) {
             let walls: Vec<usize> = std::iter::once(own.first).chain(own.second).collect();

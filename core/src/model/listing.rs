@@ -1,7 +1,9 @@
 //! The sources that a plan shows: which images are worth keeping, found from the plan alone.
 //!
-//! An image's worth is the share of the places in the outline that see it, and half of that over two reflections, because
-//! those are detected about half as often (0.14 instead of 0.25 in simulated rooms). Walls are limited first: each is a
+//! An image's worth is the share of the places in the outline that see it, each counted by the probability that its path is
+//! resolved from the direct one there, 1 - exp(-(e / (0.6 p))^2) of the excess e of its length and the length p of the pulse
+//! ([`crate::radio::pulse::unresolved`]): an image next to its anchor tells nothing. Heights are left out. Over two reflections
+//! half of that counts, because those are detected about half as often (0.14 instead of 0.25 in simulated rooms). Walls are limited first: each is a
 //! surface that all anchors share, worth the sum of what its single reflections are worth to them.
 //!
 //! Work: availability of A W + A V^2 images at no more than 100 places each, of A anchors, W walls and V of them that are
@@ -10,6 +12,7 @@
 use super::anchor::Anchor;
 use super::availability::{WallNow, Walls};
 use super::plan::{FloorPlan, Wall};
+use crate::radio::pulse::unresolved;
 use crate::real::{TAU, abs, limited, sin, smaller, sqrt};
 use heapless::Vec;
 
@@ -29,8 +32,6 @@ const SECOND_WORTH: f32 = 0.5;
 const RIGHT_ANGLE_DEVIATIONS: f32 = 4.0;
 /// Guard: against two images of one corner whose rotations are told as exact, radians.
 const RIGHT_ANGLE_RAD: f32 = 1e-3;
-/// Guard: against an image that is the anchor itself, metres.
-const NO_IMAGE_M: f32 = 1e-3;
 
 /// A source worth keeping.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +45,7 @@ pub struct Listed {
     pub second: Option<usize>,
     /// Whether the two may come in either order: at right angles to each other they make one image.
     pub is_either_order: bool,
-    /// Share (0 to 1) of the places in the outline that see it.
+    /// Share (0 to 1) of the places in the outline that see it, each by the probability that it is resolved there.
     pub seen_share: f32,
 }
 
@@ -56,12 +57,14 @@ impl Listed {
 }
 
 /// The sources most worth keeping, over up to `reflections` of at most `most_walls` walls and within `max_range_m` of the places
-/// that see them; the best first, equal ones by anchor, first and second wall (none before any).
+/// that see them, for a shortest pulse that is `pulse_m` long; the best first, equal ones by anchor, first and second wall (none
+/// before any).
 pub fn list<const SEGMENTS: usize, const SOURCES: usize>(
     plan: &FloorPlan<SEGMENTS>,
     anchors: &[Anchor],
     reflections: usize,
     max_range_m: f32,
+    pulse_m: f32,
     most_walls: usize,
 ) -> Vec<Listed, SOURCES> {
     let mut list = Vec::new();
@@ -73,6 +76,7 @@ pub fn list<const SEGMENTS: usize, const SOURCES: usize>(
         walls: Walls::new(plan, |_, wall| WallNow::told(wall, THROUGH)),
         places_m: places_m(plan),
         max_range_m,
+        pulse_m,
     };
     let walls = view.used_walls(anchors, most_walls);
     for (anchor, Anchor { position_m, .. }) in anchors.iter().enumerate() {
@@ -116,6 +120,7 @@ struct View<'a, const SEGMENTS: usize> {
     walls: Walls<'a, SEGMENTS>,
     places_m: Vec<[f32; 2], MOST_PLACES>,
     max_range_m: f32,
+    pulse_m: f32,
 }
 
 impl<const SEGMENTS: usize> View<'_, SEGMENTS> {
@@ -144,7 +149,7 @@ impl<const SEGMENTS: usize> View<'_, SEGMENTS> {
         used
     }
 
-    /// Share of the places that see the image of `anchor_m`; 0 where it is the anchor itself.
+    /// Share of the places that see the image of `anchor_m`, each by the probability that it is resolved.
     fn seen_share(
         &self,
         anchor_m: [f32; 2],
@@ -157,22 +162,24 @@ impl<const SEGMENTS: usize> View<'_, SEGMENTS> {
         };
         let once_m = mirrored(anchor_m, first);
         let image_m = second.map_or(once_m, |second| mirrored(once_m, second));
-        if distance2_m2(image_m, anchor_m) < NO_IMAGE_M * NO_IMAGE_M {
-            return 0.0;
-        }
-        let is_seen = |place_m: &&[f32; 2]| {
+        let mut seen = 0.0;
+        for place_m in &self.places_m {
+            let length_m = sqrt(distance2_m2(image_m, *place_m));
+            if !(length_m <= self.max_range_m) {
+                continue;
+            }
+            let paths = self.walls.paths(anchor_m, *place_m, PLACE_STD_M);
             let available = match second {
-                _ if !(distance2_m2(image_m, **place_m) <= self.max_range_m * self.max_range_m) => 0.0,
-                Some(second) if is_either_order => {
-                    self.walls.paths(anchor_m, **place_m, PLACE_STD_M).either_order([first, second]).0
-                }
-                _ => self.walls.paths(anchor_m, **place_m, PLACE_STD_M).reflected(first, second),
+                Some(second) if is_either_order => paths.either_order([first, second]).0,
+                _ => paths.reflected(first, second),
             };
-            available > SEEN
-        };
-        let seen = self.places_m.iter().filter(is_seen).count();
+            if available > SEEN {
+                let excess_m = length_m - sqrt(distance2_m2(anchor_m, *place_m));
+                seen += 1.0 - unresolved(excess_m / self.pulse_m);
+            }
+        }
         // None is seen from nowhere.
-        if seen == 0 { 0.0 } else { seen as f32 / self.places_m.len() as f32 }
+        if seen > 0.0 { seen / self.places_m.len() as f32 } else { 0.0 }
     }
 
     /// Whether two walls may be at right angles.
@@ -226,6 +233,9 @@ mod tests {
     type Ends = [[f32; 2]; 2];
 
     const FAR_M: f32 = 1e3;
+    const PULSE_M: f32 = 0.15;
+    /// Resolves everything.
+    const SHORT_M: f32 = 1e-3;
     const EXACT: PlanWall = PlanWall { offset_std_m: 0.0, rotation_std_rad: 0.0 };
 
     /// A plan of walls of one segment each, the first `corners` of them the outline.
@@ -264,7 +274,7 @@ mod tests {
     #[test]
     fn a_rectangle_shows_four_images_and_eight_of_two_reflections() {
         let plan = plan(&room(), 4, EXACT);
-        let found = list::<16, 32>(&plan, &[at([2.0, 1.5])], 2, FAR_M, 8);
+        let found = list::<16, 32>(&plan, &[at([2.0, 1.5])], 2, FAR_M, SHORT_M, 8);
         assert_eq!(found.len(), 12);
         // All single reflections are seen from everywhere but the strips that the walls' deviations leave.
         assert!(found.iter().take(4).all(|source| source.second.is_none() && source.seen_share == 1.0));
@@ -280,10 +290,10 @@ mod tests {
         assert_eq!(pairs(&facing), [(0, 2), (1, 3), (2, 0), (3, 1)]);
         // Equal ones in order; of one reflection alone; none.
         assert_eq!(walls_of(&found[..4]), [(0, None), (1, None), (2, None), (3, None)]);
-        assert_eq!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 1, FAR_M, 8).as_slice(), &found[..4]);
-        assert!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 0, FAR_M, 8).is_empty());
+        assert_eq!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 1, FAR_M, SHORT_M, 8).as_slice(), &found[..4]);
+        assert!(list::<16, 32>(&plan, &[at([2.0, 1.5])], 0, FAR_M, SHORT_M, 8).is_empty());
         // What there is room for is the best of it.
-        assert_eq!(list::<16, 7>(&plan, &[at([2.0, 1.5])], 2, FAR_M, 8).as_slice(), &found[..7]);
+        assert_eq!(list::<16, 7>(&plan, &[at([2.0, 1.5])], 2, FAR_M, SHORT_M, 8).as_slice(), &found[..7]);
     }
 
     #[test]
@@ -291,7 +301,7 @@ mod tests {
         let skew = around(&[[0.0, 0.0], [8.0, 0.0], [8.3, 6.0], [0.0, 6.0]]);
         let pairs = |rotation_std_rad| {
             let plan = plan(&skew, 4, PlanWall { offset_std_m: 0.1, rotation_std_rad });
-            let found = list::<16, 32>(&plan, &[at([2.0, 1.5])], 2, FAR_M, 8);
+            let found = list::<16, 32>(&plan, &[at([2.0, 1.5])], 2, FAR_M, PULSE_M, 8);
             found.iter().filter(|source| source.first + source.second.unwrap_or(9) == 1).count()
         };
         // Off by 0.05 radians: four deviations of two rotations of 0.01 explain 0.057.
@@ -304,19 +314,27 @@ mod tests {
         // Two walls across the whole room: of what is behind them nothing is left of 0.4 twice, there and back.
         walls.push([[5.0, 0.0], [5.0, 6.0]]);
         walls.push([[6.0, 0.0], [6.0, 6.0]]);
-        let found = list::<16, 64>(&plan(&walls, 4, EXACT), &[at([2.0, 1.5])], 1, FAR_M, 8);
+        let found = list::<16, 64>(&plan(&walls, 4, EXACT), &[at([2.0, 1.5])], 1, FAR_M, PULSE_M, 8);
         assert_eq!(found.iter().filter(|source| source.first == 1).count(), 0);
         assert_eq!(found.iter().filter(|source| source.first == 4).count(), 1);
         // Far images likewise: this one is 18 m from the left wall, 10 m from the right one.
         let empty = plan(&room(), 4, EXACT);
-        let single = |max_range_m| list::<16, 64>(&empty, &[at([2.0, 3.0])], 1, max_range_m, 8);
+        let single = |max_range_m| list::<16, 64>(&empty, &[at([2.0, 3.0])], 1, max_range_m, PULSE_M, 8);
         assert!(single(FAR_M).iter().any(|source| source.first == 1));
         assert!(!single(6.0).iter().any(|source| source.first == 1));
         let half = single(10.0).iter().find(|source| source.first == 1).unwrap().seen_share;
         assert!((0.4..0.6).contains(&half), "{half}");
-        // An anchor on a wall has no image in it.
-        let found = list::<16, 64>(&empty, &[at([2.0, 0.0])], 1, FAR_M, 8);
+        // An anchor on a wall has no image in it that can be told from the direct path; nearby, none that can be at many places.
+        let found = list::<16, 64>(&empty, &[at([2.0, 0.0])], 1, FAR_M, PULSE_M, 8);
         assert_eq!(walls_of(&found), [(1, None), (2, None), (3, None)]);
+        let near = |off_m, pulse_m| {
+            let found = list::<16, 64>(&empty, &[at([2.0, off_m])], 1, FAR_M, pulse_m, 8);
+            found.iter().find(|source| source.first == 0).map_or(0.0, |source| source.seen_share)
+        };
+        let shares = [0.02, 0.05, 0.1, 0.3, 1.0].map(|off_m| near(off_m, PULSE_M));
+        assert!(shares.windows(2).all(|pair| pair[0] <= pair[1]), "{shares:?}");
+        assert!(shares[0] < 0.15 && shares[4] > 0.95, "{shares:?}");
+        assert!(near(0.1, 4.0 * PULSE_M) < 0.5 * near(0.1, PULSE_M));
     }
 
     #[test]
@@ -325,11 +343,11 @@ mod tests {
         walls.push([[3.0, 3.0], [3.5, 3.0]]);
         let plan = plan(&walls, 4, EXACT);
         let anchors = [at([2.0, 1.5]), at([6.0, 4.0])];
-        let found = list::<16, 64>(&plan, &anchors, 2, FAR_M, 4);
+        let found = list::<16, 64>(&plan, &anchors, 2, FAR_M, PULSE_M, 4);
         assert!(found.iter().all(|source| source.first != 4 && source.second != Some(4)));
         assert_eq!(found.len(), 24);
-        assert!(list::<16, 64>(&plan, &anchors, 2, FAR_M, 5).iter().any(|source| source.first == 4));
-        assert!(list::<16, 64>(&plan, &anchors, 2, FAR_M, 0).is_empty());
+        assert!(list::<16, 64>(&plan, &anchors, 2, FAR_M, PULSE_M, 5).iter().any(|source| source.first == 4));
+        assert!(list::<16, 64>(&plan, &anchors, 2, FAR_M, PULSE_M, 0).is_empty());
     }
 
     /// Whether an image is seen: mirrored ends of the walls instead of mirrored anchors, the ray from the anchor; f64.
@@ -382,14 +400,29 @@ mod tests {
         blocks < 2
     }
 
+    /// Probability that an image is resolved from the direct path, from the length of the path folded at its walls; f64.
+    fn resolved(walls: &[Ends], anchor_m: [f32; 2], met: &[usize], place_m: [f32; 2]) -> f64 {
+        let wide = |[x, y]: [f32; 2]| [f64::from(x), f64::from(y)];
+        // The tag is mirrored, by the last wall first.
+        let image = met.iter().rev().fold(wide(place_m), |[x, y], wall| {
+            let [[ax, ay], [bx, by]] = walls[*wall].map(wide);
+            let (dx, dy) = (bx - ax, by - ay);
+            let off = (dx * (y - ay) - dy * (x - ax)) / (dx * dx + dy * dy);
+            [x + 2.0 * off * dy, y - 2.0 * off * dx]
+        });
+        let length = |[x, y]: [f64; 2]| (x - wide(anchor_m)[0]).hypot(y - wide(anchor_m)[1]);
+        let lag = (length(image) - length(wide(place_m))) / f64::from(PULSE_M);
+        1.0 - (-(lag / 0.6).powi(2)).exp()
+    }
+
     #[test]
     fn the_list_of_an_l_is_that_of_tracing_every_ray() {
         let corners = [[0.0, 0.0], [9.0, 0.0], [9.0, 4.0], [4.0, 4.0], [4.0, 8.0], [0.0, 8.0]];
         let mut walls = around(&corners);
         walls.push([[1.0, 5.5], [2.5, 5.0]]);
         let plan = plan(&walls, 6, EXACT);
-        let anchors = [at([1.2, 7.1]), at([7.3, 2.2])];
-        let found = list::<16, 128>(&plan, &anchors, 2, FAR_M, 16);
+        let anchors = [at([1.2, 7.1]), at([7.3, 0.08])];
+        let found = list::<16, 128>(&plan, &anchors, 2, FAR_M, PULSE_M, 16);
         let shares: BTreeMap<(usize, usize, Option<usize>), f32> = found
             .iter()
             .map(|source| ((source.anchor, source.first, source.second), source.seen_share))
@@ -412,7 +445,8 @@ mod tests {
                         is_seen(&walls, *position_m, &met, **place_m)
                             || (is_corner && is_seen(&walls, *position_m, &back, **place_m))
                     });
-                    let exact = seen.count() as f32 / places.len() as f32;
+                    let seen: f64 = seen.map(|place_m| resolved(&walls, *position_m, &met, *place_m)).sum();
+                    let exact = (seen / places.len() as f64) as f32;
                     let ours = shares.get(&(anchor, first, second)).copied().unwrap_or(0.0);
                     assert!((ours - exact).abs() < 0.12, "{anchor} {met:?}: {ours} {exact}");
                     // Not listed is only what hardly any place sees.

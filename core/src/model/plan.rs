@@ -13,6 +13,9 @@ pub const OUTLINE_STD_M: f32 = 0.3;
 pub const MOST_REFLECTIONS: usize = 2;
 /// Guard: against a wall without a direction: shortest segment, metres.
 const SHORTEST_M: f32 = 1e-3;
+/// Guard: against outlines drawn along the faces of walls: the outline's inside is looked for at this distance from a segment,
+/// metres.
+const FACE_M: f32 = 0.1;
 /// Guard: against a wall that is no line: segments lie within this of it, metres. Plans are told to the millimetre.
 const OFF_LINE_M: f32 = 0.01;
 
@@ -77,11 +80,24 @@ pub struct Wall {
     segments: [u16; 2],
 }
 
+/// On which side of a segment the outline's inside is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Inside {
+    /// Before it alone, where the normal of its wall leads.
+    Before,
+    /// Behind it alone.
+    Behind,
+    /// On both or none.
+    Either,
+}
+
 /// A segment as it is kept: part of a wall's line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
     /// Index of its wall.
     pub wall: u16,
+    /// Where the outline's inside is.
+    pub inside: Inside,
     /// Where it begins and ends along the line's tangent, from the centre, metres; ascending.
     pub extent_m: [f32; 2],
 }
@@ -135,9 +151,12 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
         if !is_angle || reflections > MOST_REFLECTIONS {
             return Err(Error::PlanSettings);
         }
+        // As many of everything as were counted: the pushes succeed.
+        for corner_m in outline_m {
+            let _ = self.outline_m.push(*corner_m);
+        }
         for (index, told) in walls.iter().enumerate() {
             let wall = wall(index, told, segments).ok_or(Error::PlanWall { index })?;
-            // As many as were counted: the pushes succeed.
             let _ = self.walls.push(wall);
         }
         for (index, segment) in segments.iter().enumerate() {
@@ -150,25 +169,24 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
                 return Err(Error::PlanSegment { index });
             }
         }
+        let outline_m = &self.outline_m;
         for (index, wall) in self.walls.iter_mut().enumerate() {
             let begin = self.segments.len() as u16;
             for segment in segments.iter().filter(|segment| segment.wall == index) {
                 let [a, b] = segment.ends_m.map(|end_m| wall.line.place_m(end_m));
                 let extent_m = [smaller(a, b), larger(a, b)];
-                let _ = self.segments.push(Segment { wall: index as u16, extent_m });
+                let inside = inside(outline_m, &wall.line, 0.5 * (a + b));
+                let _ = self.segments.push(Segment { wall: index as u16, inside, extent_m });
             }
             wall.segments = [begin, self.segments.len() as u16];
         }
         if outline_m.len() == 1 || outline_m.len() == 2 {
             return Err(Error::PlanOutline { index: outline_m.len() });
         }
-        for (index, corner_m) in outline_m.iter().enumerate() {
-            if !are_near(core::slice::from_ref(corner_m)) {
-                return Err(Error::PlanOutline { index });
-            }
-            let _ = self.outline_m.push(*corner_m);
+        match outline_m.iter().position(|corner_m| !are_near(core::slice::from_ref(corner_m))) {
+            Some(index) => Err(Error::PlanOutline { index }),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// The walls.
@@ -245,24 +263,42 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
 
     /// By how far a point lies inside the outline, negative outside, metres; infinite where there is no outline.
     pub fn depth_m(&self, point_m: [f32; 2]) -> f32 {
-        let [x, y] = point_m;
-        let mut is_inside = false;
-        let mut nearest = f32::INFINITY;
-        let ahead = self.outline_m.iter().cycle().skip(1);
-        for ([ax, ay], [bx, by]) in self.outline_m.iter().zip(ahead) {
-            if (*ay > y) != (*by > y) && x < (bx - ax) * ((y - ay) / (by - ay)) + ax {
-                is_inside = !is_inside;
-            }
-            let (sx, sy) = (bx - ax, by - ay);
-            let length2 = larger(sx * sx + sy * sy, f32::MIN_POSITIVE);
-            let share = crate::real::limited(((x - ax) * sx + (y - ay) * sy) / length2, 0.0, 1.0);
-            let (dx, dy) = (x - (ax + share * sx), y - (ay + share * sy));
-            nearest = smaller(nearest, dx * dx + dy * dy);
+        depth_m(&self.outline_m, point_m)
+    }
+}
+
+/// See [`FloorPlan::depth_m`].
+#[inline(never)]
+fn depth_m(outline_m: &[[f32; 2]], point_m: [f32; 2]) -> f32 {
+    let [x, y] = point_m;
+    let mut is_inside = false;
+    let mut nearest = f32::INFINITY;
+    let ahead = outline_m.iter().cycle().skip(1);
+    for ([ax, ay], [bx, by]) in outline_m.iter().zip(ahead) {
+        if (*ay > y) != (*by > y) && x < (bx - ax) * ((y - ay) / (by - ay)) + ax {
+            is_inside = !is_inside;
         }
-        if self.outline_m.is_empty() {
-            return f32::INFINITY;
-        }
-        if is_inside { sqrt(nearest) } else { -sqrt(nearest) }
+        let (sx, sy) = (bx - ax, by - ay);
+        let length2 = larger(sx * sx + sy * sy, f32::MIN_POSITIVE);
+        let share = crate::real::limited(((x - ax) * sx + (y - ay) * sy) / length2, 0.0, 1.0);
+        let (dx, dy) = (x - (ax + share * sx), y - (ay + share * sy));
+        nearest = smaller(nearest, dx * dx + dy * dy);
+    }
+    if outline_m.is_empty() {
+        return f32::INFINITY;
+    }
+    if is_inside { sqrt(nearest) } else { -sqrt(nearest) }
+}
+
+/// On which side of a line, where it is `place_m` from its centre, the outline's inside is.
+fn inside(outline_m: &[[f32; 2]], line: &Line, place_m: f32) -> Inside {
+    let ([cx, cy], [nx, ny], [tx, ty]) = (line.centre_m, line.normal, line.tangent());
+    let [x, y] = [cx + place_m * tx, cy + place_m * ty];
+    let is_inside = |off_m: f32| depth_m(outline_m, [x + off_m * nx, y + off_m * ny]) >= 0.0;
+    match (is_inside(FACE_M), is_inside(-FACE_M)) {
+        (true, false) => Inside::Before,
+        (false, true) => Inside::Behind,
+        _ => Inside::Either,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Action libraries: the carriers (and pulses) a radio can choose from.
 
 use crate::error::{Error, Setting};
-use crate::real::{abs, larger};
+use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger, smaller};
 use heapless::Vec;
 
 /// What the radio can be told: a carrier and a pulse.
@@ -121,6 +121,12 @@ impl<const ACTIONS: usize> Library<ACTIONS> {
             validated.push(*action).map_err(|_| Error::Configuration(Setting::LibraryLength))?;
         }
         Ok(Self { actions: validated })
+    }
+
+    /// Length of the shortest pulse, metres.
+    pub fn shortest_pulse_m(&self) -> f32 {
+        let durations_s = self.actions.iter().map(|action| action.pulse_duration_s);
+        SPEED_OF_LIGHT_M_S * durations_s.fold(f32::INFINITY, smaller)
     }
 
     /// Number of actions.

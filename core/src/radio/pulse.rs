@@ -5,7 +5,7 @@
 //! pulse R(t) = sinc(t/T_p) cos(pi b t/T_p) / (1 - (2 b t/T_p)^2), with beta = sqrt(1/12 + b^2 (1/4 - 2/pi^2)) / T_p.
 //! Any other pulse comes as samples of its R, for example one measured over a cable: beta^2 = -R''(0) / (4 pi^2).
 
-use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, larger, limited, sin, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, exp, larger, limited, sin, sqrt};
 
 /// Mathematics: grid of the table, steps per pulse duration.
 pub const STEPS: usize = 64;
@@ -24,6 +24,10 @@ pub const UNTOUCHED: f32 = 0.85;
 /// Guard: against pulses shorter than half a sample, of which what is left is longer than the table: least half sampling rate,
 /// in inverse pulse durations.
 pub const LEAST_NYQUIST: f32 = 0.25;
+
+/// Mathematics: scale of the distance within which the channel estimator does not resolve two paths, pulse durations; fitted to
+/// simulated frames: at 25 dB, equal paths 0.7 apart are resolved in most.
+pub const MERGED: f32 = 0.6;
 
 /// What a pulse looks like behind the matched filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,6 +141,12 @@ impl Pulse {
         let beta_over_c = self.rms_bandwidth_hz() / SPEED_OF_LIGHT_M_S;
         1.0 / (2.0 * (TAU * TAU) * (beta_over_c * beta_over_c) * larger(sinr, 1e-3))
     }
+}
+
+/// Probability that two paths that are `lag` pulse durations apart give one measurement.
+pub fn unresolved(lag: f32) -> f32 {
+    let near = lag / MERGED;
+    exp(-(near * near))
 }
 
 /// Half a period of a cosine, from 1 at 0 to 0 at 1.

@@ -128,13 +128,13 @@ impl<
         for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
             mapped.check(slot, self.anchors.len())?;
         }
-        let Self { config, anchors, filter, environment, plan, .. } = self;
+        let Self { config, anchors, library, filter, environment, plan, .. } = self;
         if let Some(told) = &map.plan {
             plan.keep(told)?;
         }
         enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);
         if let Some(told) = &map.plan {
-            enter_plan(filter, environment, plan, told, anchors, config);
+            enter_plan(filter, environment, plan, told, anchors, config, library.shortest_pulse_m());
         }
         Ok(())
     }

@@ -27,7 +27,8 @@ pub(super) fn enter_virtual_anchors<const ANCHORS: usize, const SURFACES: usize,
     }
 }
 
-/// Enters the sources that a plan shows, the most useful first, with the walls that they are reflected by.
+/// Enters the sources that a plan shows, the most useful first, with the walls that they are reflected by; `pulse_m` is the length
+/// of the shortest pulse.
 #[inline(never)]
 pub(super) fn enter_plan<
     const ANCHORS: usize,
@@ -41,11 +42,12 @@ pub(super) fn enter_plan<
     told: &Plan<'_>,
     anchors: &[Anchor],
     config: &Config,
+    pulse_m: f32,
 ) {
     let free_surfaces = (0..SURFACES).filter(|slot| filter.surface(*slot).is_none()).count();
     let room = SOURCES.saturating_sub(environment.iter().count()).min(told.most_sources);
-    let listed =
-        list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, config.ranging.max_range_m, free_surfaces);
+    let range_m = config.ranging.max_range_m;
+    let listed = list::<SEGMENTS, SOURCES>(plan, anchors, told.reflections, range_m, pulse_m, free_surfaces);
     for &Listed { anchor, first, second, is_either_order, .. } in listed.iter().take(room) {
         let mut surface = |wall: usize| surface_of(filter, environment, plan, wall, config.exact_map);
         let Some(first) = surface(first) else { continue };

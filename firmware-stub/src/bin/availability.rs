@@ -90,7 +90,7 @@ fn sources(
     plan: &FloorPlan<SEGMENTS>,
     anchors: &[Anchor],
 ) -> Result<(Instructions, Vec<Listed, SOURCES>), MeterError> {
-    instructions(|| list::<SEGMENTS, SOURCES>(plan, anchors, 2, 60.0, 8))
+    instructions(|| list::<SEGMENTS, SOURCES>(plan, anchors, 2, 60.0, 0.15, 8))
 }
 
 /// All sources at a place.
@@ -104,7 +104,8 @@ fn place(
     let mut found: Vec<(Image, f32), SOURCES> = Vec::new();
     let (count, ()) = instructions(|| {
         let walls = Walls::new(plan, |_, wall| WallNow::told(wall, 0.4));
-        let paths = ANCHORS_M.map(|anchor_m| walls.paths(anchor_m, place_m, std_m));
+        let [a_m, b_m] = ANCHORS_M;
+        let paths = [walls.paths(a_m, place_m, std_m), walls.paths(b_m, place_m, std_m)];
         for source in sources {
             let Some(paths) = paths.get(source.anchor) else { continue };
             let Some(anchor_m) = ANCHORS_M.get(source.anchor).copied() else { continue };

@@ -24,6 +24,7 @@ use crate::recording::{MAX_SEQUENCE, Plan, PlanWall, VirtualAnchor, WallSequence
 use crate::replay::{SEGMENTS, SOURCES, SURFACES};
 use crate::scenario::{self, Construction, Room, Scenario, Told, construction};
 use cogmint_core::model::listing::{Listed, list};
+use cogmint_core::real::SPEED_OF_LIGHT_M_S;
 use serde::Serialize;
 
 /// An image of a wrong plan stands for the room's image of the same order within this distance, metres.
@@ -191,7 +192,16 @@ impl Drawn {
         };
         let anchors: Vec<_> = scenario.anchors.iter().map(anchor).collect();
         let longest_m = scenario.prior.max_range_m as f32;
-        let listed = list::<SEGMENTS, SOURCES>(&kept, &anchors, self.told.reflections, longest_m, SURFACES);
+        let durations_s = scenario.radio.actions().into_iter().map(|action| action.pulse_duration_s as f32);
+        let shortest_s = durations_s.fold(f32::INFINITY, f32::min);
+        let listed = list::<SEGMENTS, SOURCES>(
+            &kept,
+            &anchors,
+            self.told.reflections,
+            longest_m,
+            SPEED_OF_LIGHT_M_S * shortest_s,
+            SURFACES,
+        );
         let of = |listed: Listed| {
             let sequence: Vec<usize> = std::iter::once(listed.first).chain(listed.second).collect();
             let walls_met = WallSequence::new(&sequence).unwrap_or_default();

@@ -25,6 +25,7 @@ use super::state_filter::{Prior, StateFilter};
 use super::transmission::TransmissionMemory;
 use cogmint_core::model::observation::{Observation, TagHeight};
 use cogmint_core::radio::library::Action;
+use cogmint_core::real::SPEED_OF_LIGHT_M_S;
 use cogmint_core::{Anchor, Config, Map};
 
 /// The sizes that are part of the core's type.
@@ -138,7 +139,9 @@ impl<T: Real> Reference<T> {
         let mut start = Start { filter: &mut filter, environment: &mut environment };
         start.enter_virtual_anchors(map.virtual_anchors, &config);
         if let Some(told) = &map.plan {
-            start.enter_plan(&mut plan, told, anchors, &config);
+            let shortest_s =
+                actions.iter().map(|action| action.pulse_duration_s).fold(f32::INFINITY, f32::min);
+            start.enter_plan(&mut plan, told, anchors, &config, SPEED_OF_LIGHT_M_S * shortest_s);
         }
         let library = Library::new(actions);
         let first = library.pulse(config.controller.first_action, &config.radio);

@@ -1,14 +1,16 @@
 //! The sources that a plan shows, the most useful first.
 //!
-//! Worth of an image: share of the places in the outline that see it (availability above 0.3, not too far), half of that over
+//! Worth of an image: share of the places in the outline that see it (availability above 0.3, not too far), each
+//! by the probability that it is resolved from the direct path, half of that over
 //! two reflections. Of too many walls those are used whose single reflections are worth most to all anchors together.
 
 use super::availability::{WallNow, availability, either_order};
 use super::plan::{FloorPlan, Wall};
-use super::real::{Real, abs, limited, sin, smaller, sqrt, square, tau};
+use super::real::{Real, abs, exp, limited, sin, smaller, sqrt, square, tau};
 use super::surface::less;
 use cogmint_core::Anchor;
 use cogmint_core::model::listing::{PLACE_STD_M, THROUGH};
+use cogmint_core::radio::pulse::MERGED;
 
 /// A source worth keeping.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +21,7 @@ pub struct Listed<T> {
     pub walls: Vec<usize>,
     /// Whether they may come in either order.
     pub is_either_order: bool,
-    /// Share of the places that see it.
+    /// Share of the places that see it, by the probability that it is resolved.
     pub seen_share: T,
 }
 
@@ -29,6 +31,7 @@ pub fn list<T: Real>(
     anchors: &[Anchor],
     reflections: usize,
     max_range_m: f32,
+    pulse_m: f32,
     most_walls: usize,
     most: usize,
 ) -> Vec<Listed<T>> {
@@ -44,11 +47,11 @@ pub fn list<T: Real>(
     let share = |anchor: &Anchor, sequence: &[usize], is_either: bool| {
         let anchor_m = anchor.position_m.map(T::of);
         let image = sequence.iter().fold(anchor_m, |image, &wall| told[wall].line.mirrored_m(image));
-        let apart2 = |a: [T; 2], b: [T; 2]| {
+        let apart = |a: [T; 2], b: [T; 2]| {
             let way = less(a, b);
-            square(way[0]) + square(way[1])
+            sqrt(square(way[0]) + square(way[1]))
         };
-        let mut seen = 0;
+        let mut seen = T::ZERO;
         for &place in &places {
             let std = T::of(PLACE_STD_M);
             let available = if is_either {
@@ -56,11 +59,13 @@ pub fn list<T: Real>(
             } else {
                 availability(&now, anchor_m, sequence, place, std)
             };
-            let is_near = apart2(image, place) <= T::of(max_range_m * max_range_m);
-            seen += usize::from(is_near && available > T::of(0.3));
+            let length = apart(image, place);
+            if length <= T::of(max_range_m) && available > T::of(0.3) {
+                let excess = length - apart(anchor_m, place);
+                seen += T::ONE - exp(-square(excess / T::of(pulse_m) / T::of(MERGED)));
+            }
         }
-        let is_image = !(apart2(image, anchor_m) < T::of(1e-3 * 1e-3));
-        if is_image && seen > 0 { T::of_count(seen) / T::of_count(places.len()) } else { T::ZERO }
+        if seen > T::ZERO { seen / T::of_count(places.len()) } else { T::ZERO }
     };
     let mut used: Vec<usize> = (0..told.len()).collect();
     if used.len() > most_walls {

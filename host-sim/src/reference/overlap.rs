@@ -5,7 +5,8 @@
 
 use super::pulse::Pulse;
 use super::real::{Real, abs, exp, larger, limited, speed_of_light, square, tau};
-use cogmint_core::perceptor::expectation::overlap::{FARTHEST, MERGED, STEP};
+use cogmint_core::perceptor::expectation::overlap::{FARTHEST, STEP};
+use cogmint_core::radio::pulse::MERGED;
 
 /// An expected path.
 #[derive(Clone, Copy, Debug)]

@@ -17,6 +17,8 @@ pub struct Wall<T> {
     pub half_length_m: T,
     /// Begin and end of its segments along the tangent, from the centre, metres.
     pub segments_m: Vec<[T; 2]>,
+    /// On which side of each of them alone the outline's inside is: 1 on the normal's, -1 on the other; else 0.
+    pub inside: Vec<T>,
     /// How far it may be from there.
     pub told: PlanWall,
     /// Its slot in the state filter, where a source is reflected by it.
@@ -42,7 +44,14 @@ impl<T: Real> FloorPlan<T> {
                 own.map(|segment| segment.ends_m.map(|end_m| end_m.map(T::of))).collect();
             walls.push(wall(&segments, plan.walls[index]));
         }
-        Self { walls, outline_m: plan.outline_m.iter().map(|corner_m| corner_m.map(T::of)).collect() }
+        let outline_m = plan.outline_m.iter().map(|corner_m| corner_m.map(T::of)).collect();
+        let mut kept = Self { walls, outline_m };
+        for index in 0..kept.walls.len() {
+            let segments = kept.walls[index].segments_m.clone();
+            kept.walls[index].inside =
+                segments.iter().map(|&[begin, end]| kept.side(index, T::of(0.5) * (begin + end))).collect();
+        }
+        kept
     }
 
     /// Index of the wall whose slot in the state filter this is.
@@ -101,6 +110,17 @@ impl<T: Real> FloorPlan<T> {
         T::ONE / (T::ONE + exp(-T::of(LOGISTIC) * (depth / deviation)))
     }
 
+    /// The side of a wall's line, at a place along it, that alone is inside the outline: 0.1 m before it or behind it.
+    fn side(&self, wall: usize, place_m: T) -> T {
+        let line = &self.walls[wall].line;
+        let (centre, normal, tangent) = (line.centre_m, line.normal, line.tangent());
+        let is_inside = |off: T| {
+            self.is_inside([0, 1].map(|axis| centre[axis] + place_m * tangent[axis] + off * normal[axis]))
+        };
+        let count = |off| if is_inside(off) { T::ONE } else { T::ZERO };
+        count(T::of(0.1)) - count(-T::of(0.1))
+    }
+
     /// Whether a point is inside the outline.
     pub fn is_inside(&self, point_m: [T; 2]) -> bool {
         let corners = &self.outline_m;
@@ -144,5 +164,5 @@ fn wall<T: Real>(segments: &[[[T; 2]; 2]], told: PlanWall) -> Wall<T> {
         let [a, b] = ends.map(|end| line.place_m(end));
         segments_m.push([smaller(a, b), larger(a, b)]);
     }
-    Wall { line, half_length_m: T::of(0.5) * (end - begin), segments_m, told, surface: None }
+    Wall { line, half_length_m: T::of(0.5) * (end - begin), segments_m, inside: vec![], told, surface: None }
 }

@@ -30,18 +30,20 @@ impl<T: Real> Start<'_, T> {
         }
     }
 
-    /// The sources that the plan shows, the most useful first, as many as fit, with the walls that reflect them.
+    /// The sources that the plan shows, the most useful first, as many as fit, with the walls that reflect them; `pulse_m` is the
+    /// shortest pulse's length.
     pub fn enter_plan(
         &mut self,
         plan: &mut FloorPlan<T>,
         told: &Plan<'_>,
         anchors: &[Anchor],
         config: &Config,
+        pulse_m: f32,
     ) {
         let free_surfaces = self.filter.free_slots();
         let most = self.environment.free_slots().min(told.most_sources);
         let (reflections, max_range_m) = (told.reflections, config.ranging.max_range_m);
-        for source in list(plan, anchors, reflections, max_range_m, free_surfaces, most) {
+        for source in list(plan, anchors, reflections, max_range_m, pulse_m, free_surfaces, most) {
             let surfaces: Vec<Option<u8>> =
                 source.walls.iter().map(|&wall| self.surface_of(plan, wall, config.exact_map)).collect();
             let (first, second) = match surfaces[..] {

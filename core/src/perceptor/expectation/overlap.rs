@@ -9,16 +9,13 @@
 //!
 //! Two paths much closer than a pulse give one measurement (unresolved measurements, Koch and van Keuk 1997).
 
-use crate::radio::pulse::Pulse;
-use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, exp, larger, limited};
+use crate::radio::pulse::{Pulse, unresolved};
+use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, larger, limited};
 
 /// Guard: against work on paths that do not disturb each other: those farther apart than this many pulse durations.
 pub const FARTHEST: f32 = 2.0;
 /// Mathematics: step of the numerical derivative, pulse durations.
 pub const STEP: f32 = 1.0 / 16.0;
-/// Mathematics: scale of the distance within which the channel estimator does not resolve two paths, pulse durations; fitted to
-/// simulated frames: at 25 dB, equal paths 0.7 apart are resolved in most.
-pub const MERGED: f32 = 0.6;
 
 /// A path that is expected.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,8 +51,7 @@ impl Overlap {
         let shift_m = slope / (bandwidth * bandwidth) * resolution_m;
         let ratio = limited(other.presence * other.sinr / own.sinr, 0.0, 1.0);
         self.variance_m2 += 0.5 * (ratio * (shift_m * shift_m));
-        let near = lag / MERGED;
-        self.unresolved = larger(self.unresolved, other.presence * exp(-(near * near)));
+        self.unresolved = larger(self.unresolved, other.presence * unresolved(lag));
     }
 
     /// Of the probability that the path gives a measurement of its own, what is left: of two that are one, either has it.
