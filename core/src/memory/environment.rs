@@ -246,15 +246,16 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         let with = r * (posterior * (1.0 - prior));
         let without = (1.0 - r) * ((1.0 - posterior) * prior);
         let updated = with / (with + without);
-        // What was never seen may be hidden for long; what was seen, no plan says for how long it is out of sight. Having a
-        // path then counts as little as having none: what is there is seen again, a false alarm is not.
+        let drop = r - updated;
+        // What was never seen may be hidden for long; what was seen, no plan says for how long it is out of sight.
         let share = match (was_seen, surface.is_told, sighting) {
             (false, _, Sighting::Hidden) => look,
             (true, false, _) => lasting,
             (true, _, Sighting::Hidden) => 0.0,
             _ => 1.0,
         };
-        surface.existence = smaller(r + share * (updated - r), MOST_CERTAIN);
+        let updated = if drop > 0.0 { r - share * drop } else { updated };
+        surface.existence = smaller(updated, MOST_CERTAIN);
     }
 
     /// Whether a source is an image that was never seen.

@@ -187,18 +187,22 @@ impl<T: Real> EnvironmentMemory<T> {
             // Odds r / (1 - r) times those of the posterior over those of the prior.
             let with = r * (look.posterior * (T::ONE - look.prior));
             let without = (T::ONE - r) * ((T::ONE - look.posterior) * look.prior);
-            let next = with / (with + without);
-            let is_hidden = look.sighting == Sighting::Hidden;
-            let share = if was_seen && !surface.is_told {
-                look.lasting
-            } else if !is_hidden {
-                T::ONE
-            } else if was_seen {
-                T::ZERO
-            } else {
-                probability(LOOKS_PER_S, dt)
-            };
-            surface.existence = smaller(r + share * (next - r), T::of(MOST_CERTAIN));
+            let mut next = with / (with + without);
+            let drop = r - next;
+            if drop > T::ZERO {
+                let is_hidden = look.sighting == Sighting::Hidden;
+                let share = if was_seen && !surface.is_told {
+                    look.lasting
+                } else if !is_hidden {
+                    T::ONE
+                } else if was_seen {
+                    T::ZERO
+                } else {
+                    probability(LOOKS_PER_S, dt)
+                };
+                next = r - share * drop;
+            }
+            surface.existence = smaller(next, T::of(MOST_CERTAIN));
         }
     }
 
