@@ -43,30 +43,30 @@ pub const SEGMENTS: [PlanSegment; 6] = [
 
 /// The plan. The core lists these sources, the most useful first:
 ///
-/// - south-west, wall 0
-/// - south-west, wall 3
-/// - south-east, wall 0
-/// - south-east, wall 1
-/// - north-east, wall 1
-/// - north-east, wall 2
 /// - north-east, wall 3
-/// - north-west, wall 0
 /// - north-west, wall 1
-/// - north-west, wall 2
-/// - north-west, wall 3
+/// - north-west, wall 0
 /// - north-east, wall 0
 /// - south-east, wall 2
 /// - south-east, wall 3
+/// - north-east, wall 1
+/// - south-east, wall 1
+/// - south-west, wall 3
+/// - north-west, wall 3
 /// - south-west, wall 2
 /// - south-west, wall 1
-/// - south-west, walls 0 and 3
-/// - south-east, walls 0 and 1
-/// - north-east, walls 1 and 2
+/// - north-west, wall 2
+/// - north-east, wall 2
+/// - south-east, wall 0
+/// - south-west, wall 0
+/// - north-west, walls 1 and 3
 /// - north-east, walls 1 and 3
+/// - north-west, walls 3 and 1
+/// - north-west, walls 2 and 0
 /// - north-east, walls 2 and 3
 /// - north-west, walls 0 and 3
-/// - north-west, walls 1 and 3
-/// - north-west, walls 2 and 0
+/// - north-east, walls 0 and 3
+/// - north-east, walls 1 and 2
 pub const PLAN: Plan<'static> = Plan {
     outline_m: &OUTLINE_M,
     walls: &WALLS,
