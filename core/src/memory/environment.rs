@@ -3,8 +3,8 @@
 //! The state filter holds where surfaces are; this memory holds that they are. Existence belongs to the surface: a wall that
 //! is not there makes none of its images. It follows the Bernoulli recursion of a two-state chain with time and, by each of
 //! the surface's own images (one reflection), the ratio in which association raised or lowered the odds that the image
-//! exists. An image of two surfaces exists where both do. A source that is hidden (its SINR says so) neither proves nor
-//! disproves anything; one that was never seen lowers existence slowly. Of a wall that a plan tells of it is known where its
+//! exists. An image of two surfaces exists where both do. Missing a source that is hidden (its SINR says so) disproves
+//! nothing; one that was never seen lowers existence slowly. Of a wall that a plan tells of it is known where its
 //! images are seen from, and so that they must come out again; how long an image that was found stays out of sight nobody
 //! knows: only the moment in which it went tells of it. A private surface is forgotten below 1e-3; a wall that a plan tells of
 //! becomes doubtful and stays.

@@ -11,8 +11,8 @@
 //!
 //! Each says where m_s is: its density at the gap to that place, a Gaussian with the covariance of both (they are states of one
 //! filter) and of errors of paths, is weighed against that of an image of something else, which may be anywhere in reach. An
-//! explanation is taken where it is [`CERTAIN`]. Images of different anchors may imply one wall: these explanations do not
-//! compete with each other; all others do.
+//! explanation is taken where it is [`CERTAIN`]. Images of different anchors, and the walls of the map, may imply one wall: these
+//! explanations do not compete with each other; all others do.
 //!
 //! Then the filter is told the gap (a linear constraint), images that imply walls become walls (an exact change of variables),
 //! and the private surface goes.
