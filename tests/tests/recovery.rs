@@ -130,5 +130,5 @@ fn a_radio_that_was_jammed_has_the_tag_again_fifteen_cycles_later() {
         println!("seed {seed}: {after_m:.3} m");
         found += usize::from(after_m < 0.05);
     }
-    assert!(found >= 5, "{found} of 8");
+    assert!(found >= 6, "{found} of 8");
 }

@@ -399,18 +399,20 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
             dx * dx + dy * dy < NEAR_M * NEAR_M
         };
         let [x, y] = anchor_m;
-        let is_here = |(slot, record): &(usize, &Record)| {
-            record.anchor == anchor && placed(self, *slot).is_some_and(|(a, _)| is_near(a.x, a.y))
-        };
-        let twin = self.iter().find(is_here).map(|(slot, _)| slot);
-        let is_doubtful =
-            |slot: usize| self.existence(slot) <= CONFIRMED && self.only_surface_of(slot).is_some();
-        let is_known = self.iter().filter(is_here).any(|(slot, _)| !is_doubtful(slot));
-        if is_near(x, y) || is_known {
+        if is_near(x, y) {
             return Admission::Known;
         }
+        let mut doubtful = None;
+        for (slot, record) in self.iter().filter(|(_, record)| record.anchor == anchor) {
+            if placed(self, slot).is_some_and(|(a, _)| is_near(a.x, a.y)) {
+                if self.existence_of(&record.sequence) > CONFIRMED || self.only_surface_of(slot).is_none() {
+                    return Admission::Known;
+                }
+                doubtful = doubtful.or(Some(slot));
+            }
+        }
         // What is found where a doubtful image is takes its place.
-        let mut replaced = twin.map(|slot| self.remove(slot));
+        let mut replaced = doubtful.map(|slot| self.remove(slot));
         let mut room = self.room();
         if room.is_none() {
             let detections = detections(self);

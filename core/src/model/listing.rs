@@ -3,8 +3,8 @@
 //! An image's worth is the share of the places in the outline that see it, each counted by the probability that its path is
 //! resolved from the direct one there, 1 - exp(-(e / (0.6 p))^2) of the excess e of its length and the length p of the pulse
 //! ([`crate::radio::pulse::unresolved`]): an image next to its anchor tells nothing. Heights are left out. Over two reflections
-//! half of that counts, because those are detected about half as often (0.14 instead of 0.25 in simulated rooms). Walls are limited first: each is a
-//! surface that all anchors share, worth the sum of what its single reflections are worth to them.
+//! half of that counts, because those are detected about half as often (0.14 instead of 0.25 in simulated rooms). Walls are
+//! limited first: each is a surface that all anchors share, worth the sum of what its single reflections are worth to them.
 //!
 //! Work: availability of A W + A V^2 images at no more than 100 places each, of A anchors, W walls and V of them that are
 //! used: 13,000 paths at 2 and 8, all used; 75,000 at 8 anchors, 30 walls and 8 used.

@@ -13,6 +13,7 @@ pub fn product(a: &Matrix2<f32>, b: &Matrix2<f32>) -> Matrix2<f32> {
 }
 
 /// A B'.
+// Not the product with a transposed copy: on the target that makes the filter's update 1 % longer.
 pub fn product_transposed(a: &Matrix2<f32>, b: &Matrix2<f32>) -> Matrix2<f32> {
     Matrix2::new(
         a.m11 * b.m11 + a.m12 * b.m12,

@@ -1,7 +1,7 @@
 //! Walls: those that grow on the map of rooms with two anchors and no plan told, against those that two anchors' images or a
 //! second reflection show; and how far those of a plan are from where they are, before and after the way.
 
-use super::rooms::summary::quantile;
+use super::over_runs::{mean_of, quantile};
 use crate::floor_plan;
 use crate::input_error::InputError;
 use crate::replay::Setup;
@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
 
-/// Rooms as they stand, with their first two anchors.
-pub const ROOMS: [(&str, [usize; 2]); 2] = [("seminar-room", [0, 1]), ("l-shaped-office", [0, 1])];
+/// Rooms as they stand, and the anchors that a map without a plan grows from.
+const ROOMS: [(&str, [usize; 2]); 2] = [("seminar-room", [0, 1]), ("l-shaped-office", [0, 1])];
 
 /// A run.
 #[derive(Clone, Debug, Serialize)]
@@ -161,18 +161,13 @@ pub fn summaries(runs: &[Run], told: &[ToldRun]) -> Vec<Summary> {
             room,
             told: walls().count(),
             doubted: walls().filter(|wall| wall.is_doubted).count(),
-            told_m: mean(walls().map(|wall| wall.told_m)),
-            after_m: mean(walls().map(|wall| wall.after_m)),
-            believed_m: mean(walls().filter(|wall| !wall.is_doubted).map(|wall| wall.after_m)),
+            told_m: mean_of(walls().map(|wall| wall.told_m)),
+            after_m: mean_of(walls().map(|wall| wall.after_m)),
+            believed_m: mean_of(walls().filter(|wall| !wall.is_doubted).map(|wall| wall.after_m)),
             told_offset: Ratios::of(walls().map(|wall| (wall.after_m, wall.std_m))),
             grown_offset: Ratios::of(grown().map(|wall| (wall.offset_m, wall.offset_std_m))),
             grown_rotation: Ratios::of(grown().map(|wall| (wall.rotation_rad, wall.rotation_std_rad))),
         }
     };
     ROOMS.iter().map(of).collect()
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let values: Vec<f64> = values.collect();
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }

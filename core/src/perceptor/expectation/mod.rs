@@ -1,8 +1,8 @@
 //! Expectation: what every source of a scan is expected to show, once per scan and place of the tag.
 //!
 //! Range and its variance come from the regression on the state, existence from the map, detection from what the plan lets
-//! through to the place, from what is known of the channel, and from the scan's own noise. Paths of a frame disturb each other ([`overlap`]): their ranges are worth
-//! less, and two may be found as one.
+//! through to the place, from what is known of the channel, and from the scan's own noise. Paths of a frame disturb each other
+//! ([`overlap`]): their ranges are worth less, and two may be found as one.
 
 pub mod overlap;
 

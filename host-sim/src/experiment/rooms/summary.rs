@@ -2,6 +2,7 @@
 
 use super::RoomRuns;
 use crate::channel::random::{Purpose, stream, uniform};
+use crate::experiment::over_runs::{mean_of, quantile};
 use crate::experiment::side_by_side::run::Run;
 use crate::rooms::Drawn;
 use serde::Serialize;
@@ -147,9 +148,9 @@ fn tracker_figures(name: &str, rooms: &[&RoomRuns]) -> TrackerFigures {
         .filter(|room| room.is_answerable())
         .filter_map(|room| room.trackers.runs.iter().find(|run| run.tracker == name))
         .collect();
-    let lost = |runs: &[&Run]| mean(runs.iter().map(|run| f64::from(u8::from(run.lost))));
+    let lost = |runs: &[&Run]| mean_of(runs.iter().map(|run| f64::from(u8::from(run.lost))));
     let rmse = |runs: &[&Run]| quantile(0.5, runs.iter().map(|run| run.rmse_m.unwrap_or(f64::INFINITY)));
-    let share = |of: fn(&Run) -> f64| mean(runs.iter().map(|run| of(run)));
+    let share = |of: fn(&Run) -> f64| mean_of(runs.iter().map(|run| of(run)));
     // What is unknown is worse than anything known.
     let median =
         |of: fn(&Run) -> Option<f64>| quantile(0.5, runs.iter().map(|run| of(run).unwrap_or(f64::INFINITY)));
@@ -170,24 +171,8 @@ fn tracker_figures(name: &str, rooms: &[&RoomRuns]) -> TrackerFigures {
         above_5_sigma_share: share(|run| run.above_5_sigma),
         nees_median: median(|run| run.nees),
         first_known_median_s: median(|run| run.first_known_s),
-        losses_said_mean: mean(runs.iter().map(|run| run.losses_said as f64)),
+        losses_said_mean: mean_of(runs.iter().map(|run| run.losses_said as f64)),
     }
-}
-
-fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
-    let count = values.len();
-    (count > 0).then(|| values.sum::<f64>() / count as f64)
-}
-
-/// The quantile between the nearest ranks; none of nothing and where it is infinite.
-pub fn quantile(share: f64, values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    let place = share * sorted.len().checked_sub(1)? as f64;
-    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
-    // Where both are one, infinities must not meet in a difference.
-    let value = if below == above { below } else { below + place.fract() * (above - below) };
-    value.is_finite().then_some(value)
 }
 
 /// The central 95 % of a figure over resamplings of the runs; none where the figure has no value in most of them.
@@ -209,15 +194,6 @@ fn bootstrap(runs: &[&Run], figure: impl Fn(&[&Run]) -> Option<f64>) -> Option<[
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn quantiles_lie_between_ranks_and_what_is_infinite_has_none() {
-        assert_eq!(quantile(0.5, [3.0, 1.0, 2.0].into_iter()), Some(2.0));
-        assert_eq!(quantile(0.5, [1.0, 2.0].into_iter()), Some(1.5));
-        assert_eq!(quantile(0.5, [1.0, f64::INFINITY, f64::INFINITY].into_iter()), None);
-        assert_eq!(quantile(0.0, [1.0, f64::INFINITY].into_iter()), Some(1.0));
-        assert_eq!(quantile(0.5, std::iter::empty()), None);
-    }
 
     fn run(lost: bool) -> Run {
         Run {
@@ -242,7 +218,7 @@ mod tests {
     fn the_bootstrap_of_a_share_has_the_binomial_deviation() {
         let runs: Vec<Run> = (0..200).map(|index| run(index % 4 == 0)).collect();
         let runs: Vec<&Run> = runs.iter().collect();
-        let share = |runs: &[&Run]| mean(runs.iter().map(|run| f64::from(u8::from(run.lost))));
+        let share = |runs: &[&Run]| mean_of(runs.iter().map(|run| f64::from(u8::from(run.lost))));
         let [low, high] = bootstrap(&runs, share).unwrap();
         let expected = 1.96 * (0.25 * 0.75 / 200.0_f64).sqrt();
         assert!(
