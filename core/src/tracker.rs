@@ -6,13 +6,17 @@
 
 mod entries;
 pub mod joining;
+mod sense;
 mod stages;
 mod start;
 mod state;
 mod values;
 
-use self::stages::{Heard, associate, expect, locate, look_through, remember, revise_map};
-use self::values::{Known, Place, Seen, Told, planning_state, walls_now};
+use self::sense::{propose, sense};
+use self::stages::{Heard, Outcomes, look_through, remember, revise_map};
+use self::values::{Known, Place, Seen, Told, discovery_view, planning_state, walls_now, walls_with};
+use crate::model::source::Source;
+use crate::perceptor::association::outcome::AssociatedScan;
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -28,7 +32,7 @@ use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::TagBelief;
+use crate::perceptor::belief::mixture::Mixture;
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
@@ -52,7 +56,7 @@ pub struct Tracker<
     library: Library<ACTIONS>,
 
     receiver: Receiver<ANCHORS, PATHS>,
-    belief: TagBelief<ANCHORS>,
+    mixture: Mixture<ANCHORS, SURFACES>,
     filter: StateFilter<ANCHORS, SURFACES>,
     environment: EnvironmentMemory<SURFACES, SOURCES>,
     transmission: TransmissionMemory<SEGMENTS>,
@@ -112,7 +116,7 @@ impl<
             plan,
             library,
             receiver,
-            belief,
+            mixture,
             filter,
             environment,
             transmission,
@@ -132,56 +136,93 @@ impl<
 
         observer.stage(Stage::Predict);
         let last = filter.agent();
-        let step = config.motion.step(elapsed_s);
-        filter.predict(elapsed_s);
+        mixture.begin(filter);
+        mixture.predict(elapsed_s, config.belief.turns_per_s, is_heard);
+        if let Some(leader) = mixture.components.first() {
+            filter.clone_from(&leader.filter);
+        }
         let predicted = filter.agent();
-        belief.predict(&step, elapsed_s);
         if is_heard {
             // Over the whole time since anything was heard, however many cycles that were.
             discovery.predict(last_heard, &predicted, &config.motion.step(unheard_s));
-            belief.bridge(last_heard, &predicted);
         }
         environment.predict(config.association.map_change_per_s, elapsed_s);
         channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);
         let walls = &walls_now(plan, filter, environment, transmission);
-        if belief.is_acquiring() {
-            // Candidates are located relative to a tag that is about to jump.
-            discovery.clear();
-            let known = Known { filter, environment, channel, clutter, plan, walls };
-            if let Some(agent) = locate(belief, &told, &known, scans) {
-                filter.place(&agent);
+        let barrier = &walls_with(plan, filter, environment, |_, existence| 1.0 - existence);
+        if is_heard && mixture.proposes() {
+            propose(mixture, &told, environment, channel, clutter, plan, scans, unheard_s);
+        }
+        let mut heard: Vec<_, ANCHORS> = Vec::new();
+        let mut all_claims: Vec<_, ANCHORS> = Vec::new();
+        for scan in scans.iter() {
+            let claims = told.sight(scan.anchor).and_then(|sight| {
+                let direct = filter.regress(Source::Direct { anchor: scan.anchor }, &sight, None)?;
+                let (viewpoint, background) = discovery_view(&told, filter, clutter, scan.anchor, &direct)?;
+                Some(discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background))
+            });
+            let Some(claims) = claims else { continue };
+            let Some(outcome) =
+                sense(mixture, &told, environment, channel, clutter, (plan, walls), scan, &claims.totals())
+            else {
+                continue;
+            };
+            let _ = heard.push((scan, outcome));
+            let _ = all_claims.push(claims);
+        }
+        let mut outcomes = Outcomes::new();
+        let (mut strong, mut known) = (0.0, 0.0);
+        for ((scan, heard), claims) in heard.iter().zip(all_claims) {
+            observer.expectations(scan.anchor, &heard.expected.direct, &heard.expected.virtual_anchors);
+            observer.beliefs(scan.anchor, &scan.measurements, &heard.beliefs);
+            for (m, free) in scan.measurements.iter().zip(&heard.beliefs.unassociated) {
+                if m.false_alarm < 0.3 {
+                    strong += 1.0;
+                    known += 1.0 - free;
+                }
             }
+            let outcome = AssociatedScan {
+                scan,
+                expected: &heard.expected,
+                beliefs: heard.beliefs.clone(),
+                evidence_nat: 0.0,
+            };
+            let _ = outcomes.push((outcome, claims));
         }
-        let manoeuvre_over_s = (!belief.is_acquiring()).then_some(unheard_s);
-        let expected =
-            expect(filter, &told, environment, channel, clutter, (plan, walls), scans, manoeuvre_over_s);
-        let known = Known { filter, environment, channel, clutter, plan, walls };
-        let outcomes = associate(&told, &known, discovery, &expected, observer);
-        let evidence_nat = outcomes.iter().fold(0.0, |sum, (outcome, _)| sum + outcome.evidence_nat);
-        let lost = belief.watch(evidence_nat, filter.agent());
+        if strong > 0.0 {
+            mixture.explained += 0.1 * (known / strong - mixture.explained);
+        }
+        let was_searching = mixture.summary.probability < 0.5;
+        mixture.conclude(
+            |from, to, std_m| barrier.paths(from, to, std_m).direct(),
+            |place_m, std_m| plan.inside(place_m, std_m),
+            is_heard,
+        );
+        let acquiring = mixture.summary.probability < 0.5;
+        let lost = acquiring && !was_searching;
+        let is_sure = mixture.is_sure();
 
-        let acquiring = belief.is_acquiring();
-        if !acquiring {
-            observer.stage(Stage::Update);
-            let before = filter.agent();
-            filter.update(outcomes.iter().flat_map(|(outcome, _)| outcome.innovations()));
-            discovery.follow(&before, &filter.agent());
+        observer.stage(Stage::Update);
+        if let Some(leader) = mixture.components.first() {
+            filter.clone_from(&leader.filter);
         }
+        discovery.follow(&predicted, &filter.agent());
 
         observer.stage(Stage::Remember);
-        remember(environment, channel, clutter, receiver, &told, belief, controllers, &outcomes);
-        if !acquiring && !belief.is_doubtful() {
+        remember(environment, channel, clutter, receiver, &told, (acquiring, is_sure), controllers, &outcomes);
+        if is_sure {
             look_through(transmission, &told, walls, &Place::of(&filter.agent()), &outcomes);
         }
 
         observer.stage(Stage::Discover);
-        let map = if acquiring || belief.is_doubtful() {
-            MapChanges::default()
-        } else {
+        let map = if is_sure {
             revise_map(filter, environment, channel, discovery, clutter, &told, &outcomes)
+        } else {
+            MapChanges::default()
         };
+        mixture.follow_map(filter);
 
         observer.stage(Stage::Act);
         let posterior = filter.agent();
@@ -189,6 +230,7 @@ impl<
         let earned =
             reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
         let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
+        let walls = &walls_now(plan, filter, environment, transmission);
         let known = Known { filter, environment, channel, clutter, plan, walls };
         let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(&told, Place::of(&posterior)));
         let decision = controllers.decide(earned, acquiring, scans, &state, seen.iter(), channel, library);
@@ -197,8 +239,8 @@ impl<
         let heard = if acquiring { Heard::default() } else { Heard::of(&outcomes) };
         let report = CycleReport {
             cycle: *cycle,
-            position_m: filter.position_m(),
-            position_covariance_m2: position_block(&posterior.covariance),
+            position_m: mixture.summary.position_m,
+            position_covariance_m2: mixture.summary.covariance_m2,
             predicted_entropy_nat: entropy_nat(&predicted),
             entropy_nat: entropy_nat(&posterior),
             reward: earned,

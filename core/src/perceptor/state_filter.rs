@@ -608,6 +608,115 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         true
     }
 
+    /// The tag may have turned: what its velocity was is forgotten.
+    pub fn turn(&mut self, velocity_m2_s2: f32) {
+        self.mean.agent.z = 0.0;
+        self.mean.agent.w = 0.0;
+        let c = &mut self.covariance;
+        let xx = c.xx;
+        c.xx = Matrix4::from_diagonal(&Vector4::new(xx.m11, xx.m22, velocity_m2_s2, velocity_m2_s2));
+        c.xx.m21 = xx.m21;
+        c.xx.m12 = xx.m21;
+        for cross in &mut c.xb {
+            cross.z = 0.0;
+            cross.w = 0.0;
+        }
+        for cross in &mut c.xs {
+            cross.m31 = 0.0;
+            cross.m32 = 0.0;
+            cross.m41 = 0.0;
+            cross.m42 = 0.0;
+        }
+    }
+
+    /// Covariance of every state with the tag's position along a direction.
+    fn along(&self, [ex, ey]: [f32; 2]) -> StateVector<ANCHORS, SURFACES> {
+        let c = &self.covariance;
+        let xx = &c.xx;
+        let mut along = StateVector {
+            agent: Vector4::new(
+                ex * xx.m11 + ey * xx.m21,
+                ex * xx.m21 + ey * xx.m22,
+                ex * xx.m31 + ey * xx.m32,
+                ex * xx.m41 + ey * xx.m42,
+            ),
+            bias_m: [0.0; ANCHORS],
+            surfaces: [Vector2::new(0.0, 0.0); SURFACES],
+        };
+        for (w, xb) in along.bias_m.iter_mut().zip(&c.xb) {
+            *w = ex * xb.x + ey * xb.y;
+        }
+        for (w, xs) in along.surfaces.iter_mut().zip(&c.xs) {
+            *w = Vector2::new(ex * xs.m11 + ey * xs.m21, ex * xs.m12 + ey * xs.m22);
+        }
+        along
+    }
+
+    /// Narrows the position along a direction (a unit vector): by `share` of its variance there, and moves it by so many
+    /// deviations.
+    pub fn narrow(&mut self, direction: [f32; 2], deviations: f32, share: f32) {
+        let w = self.along(direction);
+        let variance = direction[0] * w.agent.x + direction[1] * w.agent.y;
+        if !(variance > 0.0) {
+            return;
+        }
+        let scale = -share / variance;
+        self.step(&w, deviations / sqrt(variance), scale);
+        let mut pending = Pending::<SURFACES, 1>::new();
+        pending.push(scale, &w.surfaces);
+        self.settle(&pending);
+    }
+
+    /// The mixture of this state, with weight 1 - `share`, and of another one over the same surfaces as one Gaussian.
+    pub fn merge(&mut self, other: &Self, share: f32) {
+        let (a, b) = (1.0 - share, share);
+        let mut d = other.mean.clone();
+        d.agent -= self.mean.agent;
+        for (d, own) in d.bias_m.iter_mut().zip(&self.mean.bias_m) {
+            *d -= own;
+        }
+        for (d, own) in d.surfaces.iter_mut().zip(&self.mean.surfaces) {
+            *d -= own;
+        }
+        let (c, o) = (&mut self.covariance, &other.covariance);
+        let mix = |own: f32, other: f32| a * own + b * other;
+        c.xx = c.xx.zip_map(&o.xx, mix);
+        for (c, o) in c.xb.iter_mut().zip(&o.xb) {
+            *c = c.zip_map(o, mix);
+        }
+        for (c, o) in c.bb.iter_mut().flatten().zip(o.bb.iter().flatten()) {
+            *c = mix(*c, *o);
+        }
+        for (c, o) in c.xs.iter_mut().zip(&o.xs) {
+            *c = c.zip_map(o, mix);
+        }
+        for (c, o) in c.bs.iter_mut().flatten().zip(o.bs.iter().flatten()) {
+            *c = c.zip_map(o, mix);
+        }
+        for (c, o) in c.ss.iter_mut().flatten().zip(o.ss.iter().flatten()) {
+            *c = c.zip_map(o, mix);
+        }
+        // Mean by b d, covariance by a b d d'.
+        self.step(&d, b, a * b);
+        let mut pending = Pending::<SURFACES, 1>::new();
+        pending.push(a * b, &d.surfaces);
+        self.settle(&pending);
+    }
+
+    /// Takes over the surfaces of another state that differ from its own, as independent of everything.
+    pub fn follow_map(&mut self, leader: &Self) {
+        for slot in 0..SURFACES {
+            let (own, other) = (self.surfaces.get(slot).copied(), leader.surfaces.get(slot).copied());
+            if own == other {
+                continue;
+            }
+            self.remove(slot);
+            if let Some((surface, state, c)) = leader.surface(slot) {
+                self.insert(slot, surface, state, c);
+            }
+        }
+    }
+
     /// Takes a surface out of the state; false where `slot` is free.
     pub fn remove(&mut self, slot: usize) -> bool {
         let Some(surface) = self.surfaces.get_mut(slot) else { return false };

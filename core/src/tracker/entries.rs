@@ -14,7 +14,7 @@ use crate::model::anchor::Anchor;
 use crate::model::observation::{Observation, TagHeight};
 use crate::model::plan::{FloorPlan, Map};
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::TagBelief;
+use crate::perceptor::belief::mixture::Mixture;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
@@ -72,12 +72,16 @@ impl<
         let Config { start, ranging, .. } = config;
         Ok(Self {
             receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
-            belief: TagBelief::new(
-                config.motion,
+            mixture: Mixture::new(
+                &StateFilter::new(
+                    config.motion,
+                    start.position_m,
+                    start.position_std_m,
+                    start.velocity_std_m_s,
+                    ranging.bias_mean_m,
+                    ranging.bias_std_m,
+                ),
                 start.velocity_std_m_s,
-                start.agent(),
-                config.acquisition,
-                config.belief,
             ),
             filter: StateFilter::new(
                 config.motion,
@@ -247,7 +251,7 @@ impl<
             expected: controller.map_or(0, Controller::action_index),
             held: controller.map_or(0, Controller::held),
             sought_with: controller.and_then(Controller::sought_with),
-            is_lost: self.belief.is_acquiring(),
+            is_lost: self.is_searching(),
             loss_ln: self.channel.loss_ln(action),
         }
     }

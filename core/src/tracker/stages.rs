@@ -1,7 +1,7 @@
 //! The stages of a cycle that join the states of several blocks.
 
 use super::joining::join;
-use super::values::{Known, Place, Told, detections_anywhere, discovery_view};
+use super::values::{Place, Told, detections_anywhere, discovery_view};
 use crate::controller::{Controller, Controllers};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
@@ -9,29 +9,15 @@ use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
-use crate::model::motion::{Agent, ProcessNoise};
-use crate::model::plan::FloorPlan;
-use crate::observer::Observer;
-use crate::perceptor::association::evidence::evidence_nat;
-use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
-use crate::perceptor::belief::TagBelief;
-use crate::perceptor::belief::acquisition::{Landmark, Sweep};
-use crate::perceptor::belief::manoeuvre::{Suspicion, is_manoeuvre};
-use crate::perceptor::expectation::Expectations;
+use crate::perceptor::association::outcome::{AssociatedScan, normalised_innovation};
 use crate::perceptor::receiver::{Receiver, Scans};
-use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
-use crate::real::smaller;
 use crate::report::MapChanges;
 use heapless::Vec;
 
 /// Every scan with its outcome, and what the candidates for new virtual anchors claim of it.
 pub(super) type Outcomes<'a, const ANCHORS: usize, const SOURCES: usize, const PATHS: usize> =
     Vec<(AssociatedScan<'a, SOURCES, PATHS>, Claims<PATHS>), ANCHORS>;
-
-/// Every scan with what it is expected to show.
-pub(super) type Expected<'a, const ANCHORS: usize, const SOURCES: usize, const PATHS: usize> =
-    Vec<(&'a Scan<PATHS>, Expectations<SOURCES>), ANCHORS>;
 
 /// What was heard in a cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -62,183 +48,6 @@ impl Heard {
     }
 }
 
-/// While it is not known where the tag is: weighs the places it may be at. Returns where it is taken to be now.
-#[inline(never)]
-pub(super) fn locate<
-    const ANCHORS: usize,
-    const SURFACES: usize,
-    const SOURCES: usize,
-    const SEGMENTS: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
->(
-    belief: &mut TagBelief<ANCHORS>,
-    told: &Told<'_, ANCHORS, ACTIONS>,
-    known: &Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>,
-    scans: &Scans<ANCHORS, PATHS>,
-) -> Option<Agent> {
-    let acquisition = belief.acquisition()?;
-    let settings = &told.config.association;
-    let per_m = 1.0 / told.config.ranging.max_range_m;
-    let mut detections: Vec<(f32, [f32; SOURCES]), ANCHORS> = Vec::new();
-    let mut backgrounds: Vec<[f32; PATHS], ANCHORS> = Vec::new();
-    for scan in scans {
-        let clutter = known.clutter.clutter(scan.anchor);
-        let false_share = clutter.false_alarms_per_m / clutter.all_per_m;
-        let unmapped = (1.0 - false_share) * settings.detection_probability;
-        // As many as scans: the pushes succeed.
-        let _ = detections.push(known.detections_anywhere(told, scan));
-        let all_per_m = clutter.all_per_m;
-        let _ =
-            backgrounds.push(acquisition.backgrounds(scan.anchor, &scan.measurements, all_per_m, unmapped));
-    }
-    let sweeps = scans.iter().zip(&backgrounds).map(|(scan, all_per_m)| {
-        let (bias_m, bias_variance_m2) = known.filter.bias_m(scan.anchor).unwrap_or((0.0, 0.0));
-        let sweep = Sweep {
-            measurements: &scan.measurements,
-            bias_m,
-            bias_variance_m2,
-            all_per_m,
-            false_alarms_per_m: known.clutter.clutter(scan.anchor).false_alarms_per_m,
-            anywhere_per_m: per_m,
-        };
-        (scan.anchor, sweep)
-    });
-    let landmarks = |anchor: usize| {
-        let sight = told.sight(anchor);
-        let (height_m, height_std_m) = sight.map_or((0.0, 0.0), |sight| (sight.height_m, sight.height_std_m));
-        let scan = scans.iter().position(|scan| scan.anchor == anchor).unwrap_or(0);
-        let detection = detections.get(scan);
-        let direct = sight.map(|sight| Landmark {
-            position_m: sight.anchor_m,
-            covariance_m2: [0.0; 3],
-            height_m,
-            height_std_m,
-            detection: detection.map_or(0.0, |(direct, _)| *direct),
-        });
-        let reflected = known.environment.iter().filter(move |(_, record)| record.anchor == anchor);
-        direct.into_iter().chain(reflected.filter_map(move |(slot, record)| {
-            let (a, c) = known.filter.placed(sight?.anchor_m, &record.sequence)?;
-            Some(Landmark {
-                position_m: [a.x, a.y],
-                covariance_m2: [c.m11, c.m21, c.m22],
-                height_m,
-                height_std_m,
-                detection: known.environment.existence(slot) * detection?.1.get(slot)?,
-            })
-        }))
-    };
-    belief.locate(sweeps, landmarks, |place_m, std_m| known.plan.inside(place_m, std_m))
-}
-
-/// What every scan is expected to show at the predicted state, which is widened where a manoeuvre explains the scans far
-/// better than the motion as configured does.
-#[inline(never)]
-#[allow(clippy::too_many_arguments)] // each is a state, or what it is told
-pub(super) fn expect<
-    'a,
-    const ANCHORS: usize,
-    const SURFACES: usize,
-    const SOURCES: usize,
-    const SEGMENTS: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
->(
-    filter: &mut StateFilter<ANCHORS, SURFACES>,
-    told: &Told<'_, ANCHORS, ACTIONS>,
-    environment: &EnvironmentMemory<SURFACES, SOURCES>,
-    channel: &ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
-    clutter: &ClutterMemory<ANCHORS>,
-    (plan, walls): (&FloorPlan<SEGMENTS>, &Walls<'_, SEGMENTS>),
-    scans: &'a Scans<ANCHORS, PATHS>,
-    manoeuvre_over_s: Option<f32>,
-) -> Expected<'a, ANCHORS, SOURCES, PATHS> {
-    let known = Known { filter, environment, channel, clutter, plan, walls };
-    let expected = known.expect_all(told, scans);
-    let Some(elapsed_s) = manoeuvre_over_s.filter(|_| is_suspicious(&expected)) else { return expected };
-    let motion_nat = total_evidence_nat(&expected, clutter);
-    let predicted = filter.agent_covariance();
-    let speed_m_s = told.config.start.velocity_std_m_s;
-    filter.disturb(&ProcessNoise::of_turn(speed_m_s * speed_m_s, elapsed_s));
-    let known = Known { filter, environment, channel, clutter, plan, walls };
-    let widened = known.expect_all(told, scans);
-    if is_manoeuvre(
-        motion_nat,
-        total_evidence_nat(&widened, clutter),
-        told.config.belief.turns_per_s,
-        elapsed_s,
-    ) {
-        return widened;
-    }
-    filter.undisturb(&predicted);
-    expected
-}
-
-/// Whether the direct paths are not near where they are expected.
-fn is_suspicious<const ANCHORS: usize, const SOURCES: usize, const PATHS: usize>(
-    expected: &Expected<'_, ANCHORS, SOURCES, PATHS>,
-) -> bool {
-    let mut suspicion = Suspicion::default();
-    for (scan, expected) in expected {
-        let direct = &expected.direct_path;
-        let mut nearest = f32::INFINITY;
-        for measurement in &scan.measurements {
-            let innovation = measurement.range_m - direct.range_m;
-            let variance = direct.variance_m2 + measurement.variance_m2;
-            nearest = smaller(nearest, innovation * innovation / variance);
-        }
-        suspicion.enter(direct.detection, nearest);
-    }
-    suspicion.is_raised()
-}
-
-/// Evidence of all scans that the tag is where it is predicted to be, nats.
-fn total_evidence_nat<const ANCHORS: usize, const SOURCES: usize, const PATHS: usize>(
-    expected: &Expected<'_, ANCHORS, SOURCES, PATHS>,
-    clutter: &ClutterMemory<ANCHORS>,
-) -> f32 {
-    let mut evidence = 0.0;
-    for (scan, Expectations { direct_path, expectations, .. }) in expected {
-        let clutter = clutter.clutter(scan.anchor);
-        evidence += evidence_nat(&scan.measurements, direct_path, expectations.iter(), &clutter);
-    }
-    evidence
-}
-
-/// Compares every scan with what it is expected to show.
-#[inline(never)]
-pub(super) fn associate<
-    'a,
-    const ANCHORS: usize,
-    const SURFACES: usize,
-    const SOURCES: usize,
-    const SEGMENTS: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
->(
-    told: &Told<'_, ANCHORS, ACTIONS>,
-    known: &Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>,
-    discovery: &Discovery<ANCHORS>,
-    expected: &'a Expected<'a, ANCHORS, SOURCES, PATHS>,
-    observer: &mut impl Observer<SOURCES, PATHS>,
-) -> Outcomes<'a, ANCHORS, SOURCES, PATHS> {
-    let mut outcomes = Vec::new();
-    for (scan, expected) in expected {
-        let view = discovery_view(told, known.filter, known.clutter, scan.anchor, &expected.direct);
-        let Some((viewpoint, background)) = view else { continue };
-        let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
-        let clutter = known.clutter.clutter(scan.anchor);
-        let mode = told.config.association.mode;
-        let outcome = associate_scan(scan, expected, &claims.totals(), &clutter, mode);
-        let Expectations { direct, virtual_anchors, .. } = expected;
-        observer.expectations(scan.anchor, direct, virtual_anchors);
-        observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
-        // As many as scans: the push succeeds.
-        let _ = outcomes.push((outcome, claims));
-    }
-    outcomes
-}
-
 /// What the memories keep of a cycle: existence, SINR of every source whose path was probably seen, and how much of each
 /// scan nothing explained.
 #[inline(never)]
@@ -255,13 +64,13 @@ pub(super) fn remember<
     clutter: &mut ClutterMemory<ANCHORS>,
     receiver: &mut Receiver<ANCHORS, PATHS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    belief: &TagBelief<ANCHORS>,
+    (is_searching, is_sure): (bool, bool),
     controllers: &Controllers<ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
     let library = told.library;
     let framed = outcomes.iter().map(|(outcome, _)| outcome.scan).filter(|scan| scan.is_framed());
-    for scan in framed.filter(|_| !belief.is_acquiring()) {
+    for scan in framed.filter(|_| !is_searching) {
         // The tag was found: with which action, tells what gain control had hidden.
         if let Some(excess_ln) = receiver.found(scan.anchor) {
             let held = controllers.of(scan.anchor).map_or(0, Controller::held);
@@ -271,8 +80,9 @@ pub(super) fn remember<
     }
     for (outcome, _) in outcomes {
         let scan = outcome.scan;
+        clutter.keep(scan, &outcome.beliefs.unassociated);
         // What is missing from a doubtful place may be where it was: the tag is not.
-        if belief.is_acquiring() || belief.is_doubtful() {
+        if !is_sure {
             // Under gain control, what is heard with an action that a lost tag is sought with cannot be compared yet.
             if !receiver.is_sought(scan.anchor) {
                 channel.observe(outcome, library, false);
@@ -281,7 +91,7 @@ pub(super) fn remember<
             environment.observe(outcome);
             channel.observe(outcome, library, true);
         }
-        if !belief.is_acquiring() {
+        if !is_searching {
             clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);
         }
     }

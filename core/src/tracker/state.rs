@@ -62,7 +62,7 @@ impl<
         tag_height: Option<TagHeight>,
         settings: &WaypointSettings,
     ) -> Result<WaypointChoice, WaypointError> {
-        if self.acquisition().is_some() {
+        if self.is_searching() {
             return Err(WaypointError::Acquiring);
         }
         if !tag_height.is_none_or(|height| height.is_in_range()) {
@@ -176,7 +176,17 @@ impl<
 
     /// The places the tag may be at, while it is not known.
     pub fn acquisition(&self) -> Option<&Acquisition<ANCHORS>> {
-        self.belief.acquisition()
+        None
+    }
+
+    /// Whether it is not known where the tag is.
+    pub fn is_searching(&self) -> bool {
+        self.mixture.summary.probability < 0.5
+    }
+
+    /// The belief.
+    pub fn mixture(&self) -> &crate::perceptor::belief::mixture::Mixture<ANCHORS, SURFACES> {
+        &self.mixture
     }
 
     /// Mean number of measurements per scan of each anchor that nothing known explains.
@@ -230,11 +240,6 @@ impl<
         self.transmission.visit(self.plan.walls().len(), |v| hash.float(v));
         self.channel.visit(|v| hash.float(v));
         self.discovery.visit(|v| hash.float(v));
-        hash.word(u32::from(self.belief.is_acquiring()));
-        if let Some(acquisition) = self.belief.acquisition() {
-            acquisition.visit(|v| hash.float(v));
-        }
-        self.belief.visit_loss(|v| hash.float(v));
         for controller in self.controllers.all() {
             let (values, policy) = (controller.values().values(), controller.policy());
             values.iter().chain(policy).for_each(|v| hash.float(*v));

@@ -1,6 +1,5 @@
 //! Values that pass from stage to stage: what one stage's state says in the terms of another.
 
-use super::stages::Expected;
 use crate::config::Config;
 use crate::controller::planning::{PlanningState, Visible};
 use crate::memory::channel::ChannelMemory;
@@ -18,7 +17,6 @@ use crate::model::plan::FloorPlan;
 use crate::model::range::Regression;
 use crate::model::source::{Sight, Source};
 use crate::perceptor::expectation::{Expectations, Prospect, detection};
-use crate::perceptor::receiver::Scans;
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::Library;
@@ -81,6 +79,21 @@ pub(super) fn walls_now<
     environment: &EnvironmentMemory<SURFACES, SOURCES>,
     transmission: &TransmissionMemory<SEGMENTS>,
 ) -> Walls<'a, SEGMENTS> {
+    walls_with(plan, filter, environment, |index, existence| 1.0 - existence * (1.0 - transmission.through(index)))
+}
+
+pub(super) fn walls_with<
+    'a,
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+>(
+    plan: &'a FloorPlan<SEGMENTS>,
+    filter: &StateFilter<ANCHORS, SURFACES>,
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    through: impl Fn(usize, f32) -> f32,
+) -> Walls<'a, SEGMENTS> {
     Walls::new(plan, |index, wall| {
         let slot = wall.surface.map(usize::from);
         let (line, std_m) = match slot.and_then(|slot| filter.surface(slot)) {
@@ -89,7 +102,7 @@ pub(super) fn walls_now<
         };
         let existence =
             slot.and_then(|slot| environment.surface(slot)).map_or(1.0, |record| record.existence);
-        WallNow { line, std_m, through: 1.0 - existence * (1.0 - transmission.through(index)) }
+        WallNow { line, std_m, through: through(index, existence) }
     })
 }
 
@@ -119,26 +132,9 @@ impl<
     const ACTIONS: usize,
 > Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>
 {
-    /// What every scan is expected to show.
-    #[inline(never)]
-    pub(super) fn expect_all<'a, const PATHS: usize>(
-        &self,
-        told: &Told<'_, ANCHORS, ACTIONS>,
-        scans: &'a Scans<ANCHORS, PATHS>,
-    ) -> Expected<'a, ANCHORS, SOURCES, PATHS> {
-        let mut all = Vec::new();
-        for scan in scans {
-            if let Some(expected) = self.expect(told, scan) {
-                // As many as scans: the push succeeds.
-                let _ = all.push((scan, expected));
-            }
-        }
-        all
-    }
-
     /// What every source of a scan's anchor is expected to show in it.
     #[inline(never)]
-    fn expect<const PATHS: usize>(
+    pub(super) fn expect<const PATHS: usize>(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         scan: &Scan<PATHS>,
@@ -205,15 +201,6 @@ impl<
         };
         let (availability, is_reversed) = paths.either_order([first, second]);
         (availability, if is_reversed { sequence.reversed() } else { *sequence })
-    }
-
-    /// Detection probability, wherever the tag is: of the direct path, and of every slot of the map (0 for free ones).
-    pub(super) fn detections_anywhere<const PATHS: usize>(
-        &self,
-        told: &Told<'_, ANCHORS, ACTIONS>,
-        scan: &Scan<PATHS>,
-    ) -> (f32, [f32; SOURCES]) {
-        detections_anywhere(told, scan, self.environment, self.channel)
     }
 
     /// An image as it is seen from a place: that of a source which is confirmed.

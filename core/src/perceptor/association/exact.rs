@@ -18,7 +18,7 @@
 
 use super::factors::{Rows, Stage, members};
 use super::{Beliefs, Joint};
-use crate::real::larger;
+use crate::real::{larger, ln};
 use heapless::Vec;
 
 /// Capacity: values held at once, which bound the memory: (features + 2) times the states of the widest step must fit. Six features that contest six
@@ -102,9 +102,14 @@ impl<const PATHS: usize> Trellis<PATHS> {
             return false;
         }
         self.backward(rows, false);
+        let mut evidence_ln = 0.0;
+        for total in self.totals.iter().take(self.features.len()) {
+            evidence_ln += ln(*total);
+        }
         if !self.forward(rows, beliefs) {
             return false;
         }
+        beliefs.evidence_ln += evidence_ln;
         self.backward(rows, true);
         self.follow(rows, beliefs);
         true

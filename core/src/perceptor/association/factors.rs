@@ -2,7 +2,7 @@
 
 use crate::model::measurement::{Clutter, Measurement, is_earlier};
 use crate::perceptor::expectation::Expectation;
-use crate::real::{exp, larger, sqrt};
+use crate::real::{exp, larger, ln, sqrt};
 use heapless::Vec;
 
 /// Guard: against work on what explains nothing: beyond this many standard deviations a measurement cannot belong to a feature.
@@ -110,19 +110,6 @@ impl<const PATHS: usize> Row<PATHS> {
             }
         }
     }
-
-    /// First-arrival rule (see the head of [`super`]); two deviations count as clearly shorter.
-    fn discount_later_arrivals(&mut self, measurements: &Vec<Measurement, PATHS>, clutter: &Clutter) {
-        let cost = clutter.false_alarms_per_m / clutter.all_per_m;
-        for (factor, measurement) in self.psi.iter_mut().zip(measurements) {
-            let clearly_shorter = measurement.range_m - 2.0 * sqrt(measurement.variance_m2);
-            for other in measurements {
-                if other.range_m < clearly_shorter {
-                    *factor *= cost * other.false_alarm;
-                }
-            }
-        }
-    }
 }
 
 /// The indices of the ones in `set`, upwards.
@@ -162,7 +149,6 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         clutter: &Clutter,
     ) {
         self.direct = Row::new(direct, measurements, claims, clutter);
-        self.direct.discount_later_arrivals(measurements, clutter);
         for expectation in virtual_anchors {
             let mut row = Row::new(expectation, measurements, claims, clutter);
             row.rule_out_earlier_arrivals(measurements, direct);
@@ -172,6 +158,50 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         for row in self.iter_mut() {
             row.mark_gated();
         }
+    }
+
+    /// The feature has this measurement, or none.
+    pub(super) fn restrict(&mut self, feature: usize, measurement: Option<usize>) {
+        let row = match feature.checked_sub(1) {
+            None => &mut self.direct,
+            Some(slot) => match self.virtual_anchors.get_mut(slot) {
+                Some(row) => row,
+                None => return,
+            },
+        };
+        let kept = measurement.map_or(0.0, |m| row.psi.get(m).copied().unwrap_or(0.0));
+        row.psi = [0.0; PATHS];
+        row.gated = 0;
+        if let Some(m) = measurement {
+            if let Some(psi) = row.psi.get_mut(m) {
+                *psi = kept;
+            }
+            row.gated = 1_u32.wrapping_shl(m as u32);
+            row.absent = LEAST_ABSENT * kept;
+        }
+    }
+
+    /// ln of the sum over all joint associations of the loopy features, by Bethe's approximation.
+    pub(super) fn bethe_ln(&self) -> f32 {
+        let mut sums = [1.0; PATHS];
+        let mut total = 0.0;
+        for row in self.iter().filter(|row| row.stage == Stage::Loopy) {
+            let mut own = row.absent;
+            for m in members(row.gated) {
+                if let (Some(psi), Some(nu), Some(mu), Some(sum)) =
+                    (row.psi.get(m), row.nu.get(m), row.mu.get(m), sums.get_mut(m))
+                {
+                    own += psi * nu;
+                    *sum += mu;
+                    total -= ln(1.0 + mu * nu);
+                }
+            }
+            total += ln(own);
+        }
+        for sum in sums {
+            total += ln(sum);
+        }
+        total
     }
 
     pub(super) fn iter(&self) -> impl DoubleEndedIterator<Item = &Row<PATHS>> {

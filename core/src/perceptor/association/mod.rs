@@ -95,6 +95,8 @@ pub struct Beliefs<const SOURCES: usize, const PATHS: usize> {
     pub unassociated: [f32; PATHS],
     /// Iterations of belief propagation; 0 where every cluster was solved exactly.
     pub iterations: usize,
+    /// ln of the sum over all joint associations, over that of clutter alone.
+    pub evidence_ln: f32,
 }
 
 impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
@@ -189,7 +191,22 @@ pub fn associate<const SOURCES: usize, const PATHS: usize>(
     claims: &[f32; PATHS],
     clutter: &Clutter,
 ) -> Beliefs<SOURCES, PATHS> {
-    associate_within(direct, virtual_anchors, measurements, claims, clutter, STATES)
+    associate_within(direct, virtual_anchors, measurements, claims, clutter, STATES, &[])
+}
+
+/// What is taken to be so of a feature (0 the direct path): that it has this measurement, or none.
+pub type Given = (usize, Option<usize>);
+
+/// As [`associate`], given these.
+pub fn associate_given<const SOURCES: usize, const PATHS: usize>(
+    direct: &Expectation,
+    virtual_anchors: &Vec<Expectation, SOURCES>,
+    measurements: &Vec<Measurement, PATHS>,
+    claims: &[f32; PATHS],
+    clutter: &Clutter,
+    given: &[Given],
+) -> Beliefs<SOURCES, PATHS> {
+    associate_within(direct, virtual_anchors, measurements, claims, clutter, STATES, given)
 }
 
 /// As [`associate`]; clusters that need more than `limit` values for an exact solution are not given one.
@@ -200,13 +217,17 @@ fn associate_within<const SOURCES: usize, const PATHS: usize>(
     claims: &[f32; PATHS],
     clutter: &Clutter,
     limit: usize,
+    given: &[Given],
 ) -> Beliefs<SOURCES, PATHS> {
     let count = measurements.len();
     let mut rows = Rows::empty();
     rows.fill(direct, virtual_anchors, measurements, claims, clutter);
+    for (feature, measurement) in given {
+        rows.restrict(*feature, *measurement);
+    }
     let blank = Belief { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown };
     let mut beliefs =
-        Beliefs { direct: blank, virtual_anchors: Vec::new(), unassociated: [0.0; PATHS], iterations: 0 };
+        Beliefs { direct: blank, virtual_anchors: Vec::new(), unassociated: [0.0; PATHS], iterations: 0, evidence_ln: 0.0 };
     for _ in virtual_anchors {
         // Capacities are equal: every push succeeds.
         let _ = beliefs.virtual_anchors.push(blank);
@@ -217,6 +238,9 @@ fn associate_within<const SOURCES: usize, const PATHS: usize>(
         rows.settle_cluster(if solved { Stage::Exact } else { Stage::Loopy });
     }
     beliefs.iterations = rows.propagate();
+    if beliefs.iterations > 0 {
+        beliefs.evidence_ln += rows.bethe_ln();
+    }
     beliefs.conclude(&rows, direct, virtual_anchors, count);
     beliefs
 }
@@ -395,7 +419,7 @@ mod tests {
             measurements.push(measurement((1.0 + span_m * uniform()) as f32, 0.1)).unwrap();
             let (direct, others) = features.split_first().unwrap();
             let others: Vec<Expectation, K> = others.iter().copied().collect();
-            let beliefs = associate_within(direct, &others, &measurements, &[1.0; M], &clutter, limit);
+            let beliefs = associate_within(direct, &others, &measurements, &[1.0; M], &clutter, limit, &[]);
             let truth = Enumeration::new(&features, &measurements, f64::from(density));
             let (first, rest) = beliefs.most_probable();
             let choices: std::vec::Vec<_> = core::iter::once(first).chain(rest.iter().copied()).collect();

@@ -6,6 +6,7 @@
 pub mod acquisition;
 pub mod loss;
 pub mod manoeuvre;
+pub mod mixture;
 
 use self::acquisition::{Acquisition, AcquisitionSettings, Landmark, Sweep};
 use self::loss::{BeliefSettings, LossMonitor};
