@@ -188,6 +188,7 @@ impl<
                 expected: &heard.expected,
                 beliefs: heard.beliefs.clone(),
                 evidence_nat: 0.0,
+                tail_m2: 0.0,
             };
             let _ = outcomes.push((outcome, claims));
         }

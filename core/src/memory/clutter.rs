@@ -31,6 +31,7 @@ impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
         Clutter {
             all_per_m: self.unexplained.get(anchor).copied().unwrap_or(0.0) * self.per_m,
             false_alarms_per_m: self.settings.clutter_per_anchor * self.per_m,
+            tail_m2: 0.0,
         }
     }
 

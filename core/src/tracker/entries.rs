@@ -69,7 +69,8 @@ impl<
             anchor.check(index)?;
             checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
         }
-        let Config { start, ranging, .. } = config;
+        let Config { start, mut ranging, .. } = config;
+        ranging.bias_std_m = crate::real::larger(ranging.bias_std_m, crate::knob::knob(21) * library.shortest_pulse_m());
         Ok(Self {
             receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
             mixture: Mixture::new(

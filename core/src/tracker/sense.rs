@@ -69,7 +69,9 @@ pub(super) fn sense<
     scan: &Scan<PATHS>,
     totals: &[f32; PATHS],
 ) -> Option<Heard<SOURCES, PATHS>> {
-    let clutter = clutter_memory.clutter(scan.anchor);
+    let mut clutter = clutter_memory.clutter(scan.anchor);
+    let tail_m = knob(19) * scan.resolution_m();
+    if scan.is_framed() { clutter.tail_m2 = tail_m * tail_m; }
     let persistent = clutter_memory.persistent(scan);
     let pulse_m = if scan.is_framed() { scan.resolution_m() } else { 0.0 };
     let mut best: Option<Heard<SOURCES, PATHS>> = None;
@@ -138,7 +140,7 @@ pub(super) fn sense<
         let mut template = None;
         for (number, branch) in branches.into_iter().enumerate() {
             let weight_ln = base_ln + earlier_ln + branch.beliefs.evidence_ln;
-            let outcome = AssociatedScan { scan, expected: &expected, beliefs: branch.beliefs, evidence_nat: 0.0 };
+            let outcome = AssociatedScan { scan, expected: &expected, beliefs: branch.beliefs, evidence_nat: 0.0, tail_m2: clutter.tail_m2 };
             if number == 0 {
                 let Some(component) = mixture.components.get_mut(index) else { break };
                 template = Some(component.clone());

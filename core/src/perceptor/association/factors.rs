@@ -72,11 +72,8 @@ impl<const PATHS: usize> Row<PATHS> {
         let scale = expectation.existence * expectation.detection / clutter.all_per_m;
         for ((factor, measurement), claim) in psi.iter_mut().zip(measurements).zip(claims) {
             let innovation = measurement.range_m - expectation.range_m;
-            let variance = expectation.variance_m2 + measurement.variance_m2;
-            let nis = innovation * innovation / variance;
-            if nis < GATE * GATE {
-                *factor = scale * exp(-0.5 * nis) / (sqrt(crate::real::TAU * variance) * claim);
-            }
+            let density = tailed(innovation * innovation, expectation.variance_m2 + measurement.variance_m2, clutter.tail_m2);
+            *factor = scale * (density[0] + density[1]) / claim;
         }
         let absent = expectation.existence * (1.0 - expectation.detection) + (1.0 - expectation.existence);
         Self {
@@ -110,6 +107,17 @@ impl<const PATHS: usize> Row<PATHS> {
             }
         }
     }
+}
+
+/// Densities of a squared innovation: with the usual variance, and with the tail's.
+pub(super) fn tailed(squared: f32, variance: f32, tail_m2: f32) -> [f32; 2] {
+    let w = if tail_m2 > 0.0 { crate::knob::knob(18) } else { 0.0 };
+    let of = |variance: f32| {
+        let nis = squared / variance;
+        if nis < GATE * GATE { exp(-0.5 * nis) / sqrt(crate::real::TAU * variance) } else { 0.0 }
+    };
+    let tail = if w > 0.0 { w * of(variance + tail_m2) } else { 0.0 };
+    [(1.0 - w) * of(variance), tail]
 }
 
 /// The indices of the ones in `set`, upwards.
