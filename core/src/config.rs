@@ -13,8 +13,7 @@ use crate::model::motion::Motion;
 pub use crate::model::motion::Start;
 pub use crate::perceptor::association::AssociationSettings;
 use crate::perceptor::association::Mode;
-use crate::perceptor::belief::acquisition::AcquisitionSettings;
-use crate::perceptor::belief::loss::BeliefSettings;
+use crate::perceptor::belief::BeliefSettings;
 use crate::perceptor::channel_estimator::EstimatorSettings;
 pub use crate::radio::Radio;
 use crate::radio::pulse::PulseShape;
@@ -63,9 +62,7 @@ pub struct Config {
     pub ranging: Ranging,
     /// What association assumes.
     pub association: AssociationSettings,
-    /// When it is known where the tag is.
-    pub acquisition: AcquisitionSettings,
-    /// When the tag is taken for lost, and how often it turns.
+    /// Where the tag may be, and how it turns.
     pub belief: BeliefSettings,
     /// How the channel memory follows what it hears.
     pub channel: ChannelMemorySettings,
@@ -110,7 +107,6 @@ impl Default for Config {
                 unmapped_per_anchor: 5.0,
                 map_change_per_s: 1e-4,
             },
-            acquisition: AcquisitionSettings::default(),
             belief: BeliefSettings::default(),
             channel: ChannelMemorySettings::default(),
             discovery: true,
@@ -173,7 +169,6 @@ impl Config {
             start,
             ranging,
             association,
-            acquisition,
             belief,
             channel,
             discovery: _,
@@ -202,15 +197,12 @@ impl Config {
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
         within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
         within(association.map_change_per_s, 0.0, 10.0, Setting::MapChange)?;
-        let AcquisitionSettings { newcomer_weight, settled_weight, settled_cycles, settled_within_m } =
-            *acquisition;
-        within(newcomer_weight, 1e-8, 0.1, Setting::NewcomerWeight)?;
-        within(settled_weight, 0.5, 0.999_999_9, Setting::SettledWeight)?;
-        within(f32::from(settled_cycles), 1.0, 1000.0, Setting::SettledCycles)?;
-        within(settled_within_m, 0.01, 10.0, Setting::SettledWithin)?;
-        within(belief.doubtful_nat, 0.0, 100.0, Setting::Doubt)?;
-        within(belief.lost_nat, 1.0, 1000.0, Setting::Doubt)?;
-        within(belief.turns_per_s, 0.0, 10.0, Setting::Turns)?;
+        let BeliefSettings { turns_per_s, elsewhere_per_s, split_above_m, dropped_nat, sure_probability } = *belief;
+        within(turns_per_s, 0.0, 10.0, Setting::Turns)?;
+        within(elsewhere_per_s, 1e-9, 1.0, Setting::Elsewhere)?;
+        within(split_above_m, 0.01, 100.0, Setting::SplitAbove)?;
+        within(dropped_nat, 1.0, 100.0, Setting::Dropped)?;
+        within(sure_probability, 0.5, 0.9999, Setting::SureProbability)?;
         let ChannelMemorySettings {
             forgetting_per_s,
             energy_walk_per_s,

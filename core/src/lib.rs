@@ -48,8 +48,6 @@
 extern crate std;
 
 pub mod application;
-#[allow(missing_docs, clippy::all)]
-pub mod knob;
 pub mod config;
 pub mod controller;
 mod error;

@@ -9,10 +9,12 @@ use nalgebra::Matrix2;
 pub struct CycleReport {
     /// Number of the cycle, from 0.
     pub cycle: u32,
-    /// Estimated position, metres.
+    /// Estimated position, metres: of the leading place.
     pub position_m: [f32; 2],
-    /// Its covariance, square metres.
+    /// Covariance of the position over all places that the tag may be at, square metres.
     pub position_covariance_m2: Matrix2<f32>,
+    /// Probability that the tag is at the leading place.
+    pub probability: f32,
     /// Entropy of the position before the measurements, nats.
     pub predicted_entropy_nat: f32,
     /// And after.
@@ -23,14 +25,13 @@ pub struct CycleReport {
     pub anchors_heard: u32,
     /// Paths or ranges received and kept.
     pub measurements: u32,
-    /// Paths or ranges received that were left out because a scan keeps no more than `PATHS`, acquiring or not.
+    /// Paths or ranges received that were left out because a scan keeps no more than `PATHS`, searching or not.
     pub left_out: u32,
     /// Of those, how many more likely than not belong to a known feature.
     pub associated: u32,
-    /// Whether it is not known (yet, or any more) where the tag is: the position is then the mean of several places, and
-    /// no map is made.
-    pub acquiring: bool,
-    /// Whether the loss of the tag was noticed in this cycle; the next ones acquire it anew.
+    /// Whether it is not known (yet, or any more) where the tag is: no place is more probable than all others together.
+    pub searching: bool,
+    /// Whether that is so since this cycle.
     pub lost: bool,
     /// Mean normalised innovation squared of the ranges associated: near 1 where the filter knows how wrong it is; 0
     /// where nothing was associated.

@@ -6,17 +6,15 @@
 
 mod entries;
 pub mod joining;
-mod sense;
 mod stages;
 mod start;
 mod state;
 mod values;
 
-use self::sense::{propose, sense};
-use self::stages::{Heard, Outcomes, look_through, remember, revise_map};
-use self::values::{Known, Place, Seen, Told, discovery_view, planning_state, walls_now, walls_with};
-use crate::model::source::Source;
-use crate::perceptor::association::outcome::AssociatedScan;
+use self::stages::{
+    Explained, Heard, Outcomes, hear, look_through, propose_places, remember, revise_map,
+};
+use self::values::{Known, Place, Seen, Told, leader_view, planning_state, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -32,12 +30,15 @@ use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::mixture::Mixture;
+use crate::perceptor::belief::TagBelief;
+use crate::perceptor::belief::component::apart;
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
-use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
 use crate::report::{CycleReport, MapChanges};
 use heapless::Vec;
+
+/// Mathematics: squared deviations beyond which the tag has not moved there but is elsewhere: three.
+const LEAPT: f32 = 9.0;
 
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
 /// (and corners of the outline), paths per anchor and actions.
@@ -49,6 +50,7 @@ pub struct Tracker<
     const SEGMENTS: usize,
     const PATHS: usize,
     const ACTIONS: usize,
+    const COMPONENTS: usize,
 > {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
@@ -56,8 +58,7 @@ pub struct Tracker<
     library: Library<ACTIONS>,
 
     receiver: Receiver<ANCHORS, PATHS>,
-    mixture: Mixture<ANCHORS, SURFACES>,
-    filter: StateFilter<ANCHORS, SURFACES>,
+    belief: TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: EnvironmentMemory<SURFACES, SOURCES>,
     transmission: TransmissionMemory<SEGMENTS>,
     discovery: Discovery<ANCHORS>,
@@ -89,7 +90,8 @@ impl<
     const SEGMENTS: usize,
     const PATHS: usize,
     const ACTIONS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>
+    const COMPONENTS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>
 {
     /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
     ///
@@ -116,8 +118,7 @@ impl<
             plan,
             library,
             receiver,
-            mixture,
-            filter,
+            belief,
             environment,
             transmission,
             discovery,
@@ -135,13 +136,9 @@ impl<
         let unheard_s = receiver.unheard_s(scans);
 
         observer.stage(Stage::Predict);
-        let last = filter.agent();
-        mixture.begin(filter);
-        mixture.predict(elapsed_s, config.belief.turns_per_s, is_heard);
-        if let Some(leader) = mixture.components.first() {
-            filter.clone_from(&leader.filter);
-        }
-        let predicted = filter.agent();
+        let last = belief.leader().agent();
+        belief.predict(elapsed_s, is_heard.then_some(unheard_s));
+        let predicted = belief.leader().agent();
         if is_heard {
             // Over the whole time since anything was heard, however many cycles that were.
             discovery.predict(last_heard, &predicted, &config.motion.step(unheard_s));
@@ -150,98 +147,86 @@ impl<
         channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);
-        let walls = &walls_now(plan, filter, environment, transmission);
-        let barrier = &walls_with(plan, filter, environment, |_, existence| 1.0 - existence);
-        if is_heard && mixture.proposes() {
-            propose(mixture, &told, environment, channel, clutter, plan, scans, unheard_s);
-        }
-        let mut heard: Vec<_, ANCHORS> = Vec::new();
-        let mut all_claims: Vec<_, ANCHORS> = Vec::new();
-        for scan in scans.iter() {
-            let claims = told.sight(scan.anchor).and_then(|sight| {
-                let direct = filter.regress(Source::Direct { anchor: scan.anchor }, &sight, None)?;
-                let (viewpoint, background) = discovery_view(&told, filter, clutter, scan.anchor, &direct)?;
-                Some(discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background))
-            });
-            let Some(claims) = claims else { continue };
-            let Some(outcome) =
-                sense(mixture, &told, environment, channel, clutter, (plan, walls), scan, &claims.totals())
-            else {
-                continue;
-            };
-            let _ = heard.push((scan, outcome));
-            let _ = all_claims.push(claims);
+        let walls = &walls_now(plan, belief.leader(), environment, |wall| transmission.through(wall));
+        if is_heard && belief.proposes() {
+            let (trusted, phase) = (belief.trusted(), belief.phase());
+            let places =
+                propose_places(trusted, &told, environment, channel, clutter, plan, scans, phase);
+            for place in &places {
+                belief.enter(place, config.ranging.max_range_m, unheard_s);
+            }
         }
         let mut outcomes = Outcomes::new();
-        let (mut strong, mut known) = (0.0, 0.0);
-        for ((scan, heard), claims) in heard.iter().zip(all_claims) {
-            observer.expectations(scan.anchor, &heard.expected.direct, &heard.expected.virtual_anchors);
-            observer.beliefs(scan.anchor, &scan.measurements, &heard.beliefs);
-            for (m, free) in scan.measurements.iter().zip(&heard.beliefs.unassociated) {
-                if m.false_alarm < 0.3 {
-                    strong += 1.0;
-                    known += 1.0 - free;
-                }
-            }
-            let outcome = AssociatedScan {
-                scan,
-                expected: &heard.expected,
-                beliefs: heard.beliefs.clone(),
-                evidence_nat: 0.0,
-                tail_m2: 0.0,
-            };
+        let mut explained = Explained::default();
+        for scan in scans.iter() {
+            let view = leader_view(&told, belief.leader(), clutter, scan.anchor);
+            let Some((viewpoint, background)) = view else { continue };
+            let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
+            let (surroundings, totals) = ((&*plan, walls), claims.totals());
+            let outcome =
+                hear(belief, &told, environment, channel, clutter, surroundings, scan, &totals);
+            let Some(outcome) = outcome else { continue };
+            observer.expectations(
+                scan.anchor,
+                &outcome.expected.direct,
+                &outcome.expected.virtual_anchors,
+            );
+            observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
+            explained.enter(&outcome);
+            // As many as scans: the push succeeds.
             let _ = outcomes.push((outcome, claims));
         }
-        if strong > 0.0 {
-            mixture.explained += 0.1 * (known / strong - mixture.explained);
-        }
-        let was_searching = mixture.summary.probability < 0.5;
-        mixture.conclude(
-            |from, to, std_m| barrier.paths(from, to, std_m).direct(),
+
+        observer.stage(Stage::Update);
+        let was_searching = belief.is_searching();
+        belief.explain(explained.strong, explained.known);
+        let barrier = &walls_now(plan, belief.leader(), environment, |_| 0.0);
+        belief.conclude(
+            |from_m, to_m, std_m| barrier.paths(from_m, to_m, std_m).direct(),
             |place_m, std_m| plan.inside(place_m, std_m),
             is_heard,
         );
-        let acquiring = mixture.summary.probability < 0.5;
-        let lost = acquiring && !was_searching;
-        let is_sure = mixture.is_sure();
-
-        observer.stage(Stage::Update);
-        if let Some(leader) = mixture.components.first() {
-            filter.clone_from(&leader.filter);
+        let posterior = belief.leader().agent();
+        if apart(&predicted, &posterior) < LEAPT {
+            discovery.follow(&predicted, &posterior);
+        } else {
+            // Candidates are located relative to a tag that is elsewhere.
+            discovery.clear();
         }
-        discovery.follow(&predicted, &filter.agent());
+        let (searching, is_sure) = (belief.is_searching(), belief.is_sure());
 
         observer.stage(Stage::Remember);
-        remember(environment, channel, clutter, receiver, &told, (acquiring, is_sure), controllers, &outcomes);
+        let known = (searching, is_sure);
+        remember(environment, channel, clutter, receiver, &told, known, controllers, &outcomes);
         if is_sure {
-            look_through(transmission, &told, walls, &Place::of(&filter.agent()), &outcomes);
+            look_through(transmission, &told, walls, &Place::of(&posterior), &outcomes);
         }
 
         observer.stage(Stage::Discover);
         let map = if is_sure {
-            revise_map(filter, environment, channel, discovery, clutter, &told, &outcomes)
+            revise_map(belief, environment, channel, discovery, clutter, &told, &outcomes)
         } else {
             MapChanges::default()
         };
-        mixture.follow_map(filter);
 
         observer.stage(Stage::Act);
-        let posterior = filter.agent();
+        let posterior = belief.leader().agent();
         let entropy_nat = |agent: &Agent| position_entropy_nat(&position_block(&agent.covariance));
         let earned =
             reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
         let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
-        let walls = &walls_now(plan, filter, environment, transmission);
-        let known = Known { filter, environment, channel, clutter, plan, walls };
+        let filter = belief.leader();
+        let known = Known { filter, environment, channel, plan, walls };
         let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(&told, Place::of(&posterior)));
-        let decision = controllers.decide(earned, acquiring, scans, &state, seen.iter(), channel, library);
+        let decision = controllers.decide(earned, searching, scans, &state, seen.iter(), channel, library);
 
         // While the tag is looked for, nothing is associated with certainty.
-        let heard = if acquiring { Heard::default() } else { Heard::of(&outcomes) };
+        let heard = if searching { Heard::default() } else { Heard::of(&outcomes) };
         let report = CycleReport {
             cycle: *cycle,
-            position_m: mixture.summary.position_m,
-            position_covariance_m2: mixture.summary.covariance_m2,
+            position_m: belief.summary().position_m,
+            position_covariance_m2: belief.summary().covariance_m2,
+            probability: belief.summary().probability,
             predicted_entropy_nat: entropy_nat(&predicted),
             entropy_nat: entropy_nat(&posterior),
             reward: earned,
@@ -249,8 +234,8 @@ impl<
             measurements: heard.measurements,
             left_out: scans.iter().fold(0, |sum, scan| sum + scan.left_out),
             associated: heard.associated,
-            acquiring,
-            lost,
+            searching,
+            lost: searching && !was_searching,
             nis: heard.nis,
             discovered: map.discovered,
             forgotten: map.forgotten,

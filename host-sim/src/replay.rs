@@ -21,6 +21,8 @@ pub const SEGMENTS: usize = recording::MAX_PLAN_SEGMENTS;
 pub const PATHS: usize = 16;
 /// Actions.
 pub const ACTIONS: usize = 40;
+/// Components of the belief.
+pub const COMPONENTS: usize = 16;
 /// Recordings of up to this many anchors run in the tracker that also runs on the target.
 pub const SMALL_ANCHORS: usize = 2;
 /// The most anchors of any recording.
@@ -31,7 +33,7 @@ pub type SmallTracker = SizedTracker<SMALL_ANCHORS>;
 /// The tracker for up to eight anchors.
 pub type LargeTracker = SizedTracker<LARGE_ANCHORS>;
 /// A tracker of the host for up to `A` anchors.
-pub type SizedTracker<const A: usize> = Tracker<A, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>;
+pub type SizedTracker<const A: usize> = Tracker<A, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>;
 
 /// Time before the first cycle: the start prior is about its very moment, and time must advance.
 const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;

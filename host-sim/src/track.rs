@@ -57,7 +57,7 @@ pub struct Track {
     /// Ranges and paths that the core left out because a scan had too many.
     pub left_out: u64,
     /// Cycles in which it was not known where the tag is.
-    pub acquiring: usize,
+    pub searching: usize,
     /// How often the loss of the tag was noticed.
     pub losses: usize,
     /// Discoveries for which the map had no room.
@@ -165,10 +165,10 @@ fn run<const A: usize>(
     let refused = steps.iter().filter(|step| step.refused.is_some()).count();
     let left_out = steps.iter().map(|step| u64::from(step.report.left_out)).sum();
     let count = |is: fn(&CycleReport) -> bool| steps.iter().filter(|step| is(&step.report)).count();
-    let (acquiring, losses) = (count(|report| report.acquiring), count(|report| report.lost));
+    let (searching, losses) = (count(|report| report.searching), count(|report| report.lost));
     let map_full = steps.iter().map(|step| u64::from(step.report.map_full)).sum();
     Ok(Track {
-        acquiring,
+        searching,
         losses,
         map_full,
         steps,
@@ -276,17 +276,17 @@ fn mapped_wall(wall: &FoundWall) -> Option<MappedWall> {
 }
 
 /// What is believed after a cycle. While the tag is searched for, the filter's velocity is the mean of those of all places,
-/// whose deviation no column tells: it is not known then. The core gives no probability of a place that it has settled on.
+/// whose deviation no column tells: it is not known then.
 fn estimate(cycle: &Cycle, input: &CycleInput<'_>, step: &Step, velocity_m_s: [f32; 2]) -> Estimate {
     let report = &step.report;
     let c = &report.position_covariance_m2;
     let framed = step.refused.is_none() && !cycle.frames.is_empty();
     Estimate {
         position_m: report.position_m.map(f64::from),
-        velocity_m_s: (!report.acquiring).then(|| velocity_m_s.map(f64::from)),
+        velocity_m_s: (!report.searching).then(|| velocity_m_s.map(f64::from)),
         covariance_m2: [c.m11, c.m21, c.m22].map(f64::from),
-        searching: report.acquiring,
-        probability: None,
+        searching: report.searching,
+        probability: Some(f64::from(report.probability)),
         action: framed.then_some(report.action),
         entropy_nat: Some(f64::from(report.entropy_nat)),
         // What the tracker was told, without the rounding to its precision.

@@ -204,7 +204,7 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
     /// Enters the outcome of a scan for every image of its anchor.
     pub fn observe<const PATHS: usize>(&mut self, associated: &AssociatedScan<'_, SOURCES, PATHS>) {
         let look = probability(LOOKS_PER_S, associated.scan.elapsed_s);
-        let expected = associated.expected;
+        let expected = &associated.expected;
         let features = associated.features().zip(expected.views()).zip(expected.existences());
         for (((regression, belief), view), prior) in features {
             if let Source::Virtual { slot, .. } = regression.source {

@@ -36,7 +36,7 @@ impl Ranging {
 
     /// What unresolved paths add to it.
     pub(crate) fn unresolved_m2(&self, pulse_m: f32) -> f32 {
-        let floor_m = if crate::knob::knob(20) >= 0.0 && self.floor_pulses > 0.0 { crate::knob::knob(20) } else { self.floor_pulses } * pulse_m;
+        let floor_m = self.floor_pulses * pulse_m;
         floor_m * floor_m
     }
 }
@@ -64,8 +64,6 @@ pub struct Clutter {
     pub false_alarms_per_m: f32,
     /// False alarms and paths of virtual anchors not in the map.
     pub all_per_m: f32,
-    /// Variance of the tail.
-    pub tail_m2: f32,
 }
 
 /// Whether a measurement is clearly, by two deviations, shorter than a direct path of this range and variance.

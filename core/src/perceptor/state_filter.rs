@@ -133,7 +133,7 @@ fn change_once(block: &mut Matrix2<f32>, k: &Vector2<f32>, l: &Vector2<f32>) {
 }
 
 /// The same for every change.
-fn change<'a>(
+fn change_each<'a>(
     block: &mut Matrix2<f32>,
     scaled_k: impl IntoIterator<Item = &'a Vector2<f32>>,
     w_l: impl IntoIterator<Item = &'a Vector2<f32>>,
@@ -176,7 +176,7 @@ fn change_all(block: &mut Matrix2<f32>, scaled_k: &[Vector2<f32>], w_l: &[Vector
         change_once(&mut changed, d, h);
         *block = changed;
     } else {
-        change(block, scaled_k, w_l);
+        change_each(block, scaled_k, w_l);
     }
 }
 
@@ -483,10 +483,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             }
             let moments = Moments { weight: 1.0, first_m: innovation, second_m2: innovation * innovation };
             let change = SoftUpdate::new(&moments, explained + variance, explained);
-            self.step(&direction, change.mean, change.covariance);
-            let mut pending = Pending::<SURFACES, 1>::new();
-            pending.push(change.covariance, &direction.surfaces);
-            self.settle(&pending);
+            self.change(&direction, change.mean, change.covariance);
         }
     }
 
@@ -608,78 +605,66 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         true
     }
 
-    /// The tag may have turned: what its velocity was is forgotten.
-    pub fn turn(&mut self, velocity_m2_s2: f32) {
+    /// The tag has turned, some time in the last `elapsed_s` seconds: its velocity is drawn anew with this variance per axis, and
+    /// tells nothing of anything else.
+    pub fn turn(&mut self, velocity_m2_s2: f32, elapsed_s: f32) {
         self.mean.agent.z = 0.0;
         self.mean.agent.w = 0.0;
         let c = &mut self.covariance;
-        let xx = c.xx;
-        c.xx = Matrix4::from_diagonal(&Vector4::new(xx.m11, xx.m22, velocity_m2_s2, velocity_m2_s2));
-        c.xx.m21 = xx.m21;
-        c.xx.m12 = xx.m21;
+        let (m11, m21, m22) = (c.xx.m11, c.xx.m21, c.xx.m22);
+        c.xx = Matrix4::new(
+            m11, m21, 0.0, 0.0, m21, m22, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        );
         for cross in &mut c.xb {
             cross.z = 0.0;
             cross.w = 0.0;
         }
         for cross in &mut c.xs {
-            cross.m31 = 0.0;
-            cross.m32 = 0.0;
-            cross.m41 = 0.0;
-            cross.m42 = 0.0;
+            *cross = Matrix4x2::new(cross.m11, cross.m12, cross.m21, cross.m22, 0.0, 0.0, 0.0, 0.0);
         }
+        ProcessNoise::of_turn(velocity_m2_s2, elapsed_s).add_to(&mut c.xx);
     }
 
-    /// Covariance of every state with the tag's position along a direction.
-    fn along(&self, [ex, ey]: [f32; 2]) -> StateVector<ANCHORS, SURFACES> {
+    /// One of the parts into which a Gaussian is split along a `direction` (a unit vector) of the tag's position: moved by so many
+    /// standard deviations along it, with this `share` of the variance there left. All other states follow by their covariance.
+    pub fn narrow(&mut self, [ex, ey]: [f32; 2], deviations: f32, share: f32) {
         let c = &self.covariance;
         let xx = &c.xx;
-        let mut along = StateVector {
-            agent: Vector4::new(
-                ex * xx.m11 + ey * xx.m21,
-                ex * xx.m21 + ey * xx.m22,
-                ex * xx.m31 + ey * xx.m32,
-                ex * xx.m41 + ey * xx.m42,
-            ),
-            bias_m: [0.0; ANCHORS],
-            surfaces: [Vector2::new(0.0, 0.0); SURFACES],
-        };
-        for (w, xb) in along.bias_m.iter_mut().zip(&c.xb) {
-            *w = ex * xb.x + ey * xb.y;
-        }
-        for (w, xs) in along.surfaces.iter_mut().zip(&c.xs) {
-            *w = Vector2::new(ex * xs.m11 + ey * xs.m21, ex * xs.m12 + ey * xs.m22);
-        }
-        along
-    }
-
-    /// Narrows the position along a direction (a unit vector): by `share` of its variance there, and moves it by so many
-    /// deviations.
-    pub fn narrow(&mut self, direction: [f32; 2], deviations: f32, share: f32) {
-        let w = self.along(direction);
-        let variance = direction[0] * w.agent.x + direction[1] * w.agent.y;
-        if !(variance > 0.0) {
+        let agent = Vector4::new(
+            ex * xx.m11 + ey * xx.m21,
+            ex * xx.m21 + ey * xx.m22,
+            ex * xx.m31 + ey * xx.m32,
+            ex * xx.m41 + ey * xx.m42,
+        );
+        let variance = ex * agent.x + ey * agent.y;
+        if variance <= 0.0 {
             return;
         }
-        let scale = -share / variance;
-        self.step(&w, deviations / sqrt(variance), scale);
-        let mut pending = Pending::<SURFACES, 1>::new();
-        pending.push(scale, &w.surfaces);
-        self.settle(&pending);
+        let mut w =
+            StateVector { agent, bias_m: [0.0; ANCHORS], surfaces: [Vector2::new(0.0, 0.0); SURFACES] };
+        for (w, xb) in w.bias_m.iter_mut().zip(&c.xb) {
+            *w = ex * xb.x + ey * xb.y;
+        }
+        for (w, xs) in w.surfaces.iter_mut().zip(&c.xs) {
+            *w = Vector2::new(ex * xs.m11 + ey * xs.m21, ex * xs.m12 + ey * xs.m22);
+        }
+        self.change(&w, deviations / sqrt(variance), (share - 1.0) / variance);
     }
 
-    /// The mixture of this state, with weight 1 - `share`, and of another one over the same surfaces as one Gaussian.
+    /// The mixture of this Gaussian with another one over the same surfaces, whose weight is this `share`, as one Gaussian of the
+    /// same mean and covariance.
     pub fn merge(&mut self, other: &Self, share: f32) {
-        let (a, b) = (1.0 - share, share);
-        let mut d = other.mean.clone();
-        d.agent -= self.mean.agent;
-        for (d, own) in d.bias_m.iter_mut().zip(&self.mean.bias_m) {
-            *d -= own;
+        let mut apart = other.mean.clone();
+        apart.agent -= self.mean.agent;
+        for (apart, own) in apart.bias_m.iter_mut().zip(&self.mean.bias_m) {
+            *apart -= own;
         }
-        for (d, own) in d.surfaces.iter_mut().zip(&self.mean.surfaces) {
-            *d -= own;
+        for (apart, own) in apart.surfaces.iter_mut().zip(&self.mean.surfaces) {
+            *apart -= own;
         }
+        let rest = 1.0 - share;
+        let mix = |own: f32, other: f32| rest * own + share * other;
         let (c, o) = (&mut self.covariance, &other.covariance);
-        let mix = |own: f32, other: f32| a * own + b * other;
         c.xx = c.xx.zip_map(&o.xx, mix);
         for (c, o) in c.xb.iter_mut().zip(&o.xb) {
             *c = c.zip_map(o, mix);
@@ -693,26 +678,31 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         for (c, o) in c.bs.iter_mut().flatten().zip(o.bs.iter().flatten()) {
             *c = c.zip_map(o, mix);
         }
-        for (c, o) in c.ss.iter_mut().flatten().zip(o.ss.iter().flatten()) {
-            *c = c.zip_map(o, mix);
+        for (k, (c, o)) in c.ss.iter_mut().zip(&o.ss).enumerate() {
+            for (c, o) in c.iter_mut().zip(o).take(k + 1) {
+                *c = c.zip_map(o, mix);
+            }
         }
-        // Mean by b d, covariance by a b d d'.
-        self.step(&d, b, a * b);
+        self.change(&apart, share, share * rest);
+    }
+
+    /// x <- x + w gain, C <- C + scale w w'.
+    fn change(&mut self, w: &StateVector<ANCHORS, SURFACES>, gain: f32, scale: f32) {
+        self.step(w, gain, scale);
         let mut pending = Pending::<SURFACES, 1>::new();
-        pending.push(a * b, &d.surfaces);
+        pending.push(scale, &w.surfaces);
         self.settle(&pending);
     }
 
-    /// Takes over the surfaces of another state that differ from its own, as independent of everything.
-    pub fn follow_map(&mut self, leader: &Self) {
+    /// Takes over what surfaces another state has and this one has not, or has otherwise, as independent of everything else; what
+    /// the other one has not goes.
+    pub fn follow_map(&mut self, other: &Self) {
         for slot in 0..SURFACES {
-            let (own, other) = (self.surfaces.get(slot).copied(), leader.surfaces.get(slot).copied());
-            if own == other {
-                continue;
-            }
-            self.remove(slot);
-            if let Some((surface, state, c)) = leader.surface(slot) {
-                self.insert(slot, surface, state, c);
+            if self.surfaces.get(slot) != other.surfaces.get(slot) {
+                self.remove(slot);
+                if let Some((surface, state, own)) = other.surface(slot) {
+                    self.insert(slot, surface, state, own);
+                }
             }
         }
     }
@@ -813,16 +803,6 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
                 block.m22 *= margin;
             }
         }
-    }
-
-    /// After a prediction: as if this noise had acted over the same step as well.
-    pub fn disturb(&mut self, noise: &ProcessNoise) {
-        noise.add_to(&mut self.covariance.xx);
-    }
-
-    /// Takes the last disturbance back; `predicted` is the covariance of position and velocity from before it.
-    pub fn undisturb(&mut self, predicted: &Matrix4<f32>) {
-        self.covariance.xx = *predicted;
     }
 
     /// Scales back every state whose variance exceeds its limit.

@@ -14,7 +14,7 @@ use crate::model::anchor::Anchor;
 use crate::model::observation::{Observation, TagHeight};
 use crate::model::plan::{FloorPlan, Map};
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::mixture::Mixture;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
@@ -28,7 +28,8 @@ impl<
     const SEGMENTS: usize,
     const PATHS: usize,
     const ACTIONS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>
+    const COMPONENTS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>
 {
     /// A tracker at the start configured that is told of its surroundings: [`Self::untold`], then [`Self::tell`].
     ///
@@ -69,12 +70,11 @@ impl<
             anchor.check(index)?;
             checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
         }
-        let Config { start, mut ranging, .. } = config;
-        ranging.bias_std_m = crate::real::larger(ranging.bias_std_m, crate::knob::knob(21) * library.shortest_pulse_m());
+        let Config { start, ranging, .. } = config;
         Ok(Self {
             receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
-            mixture: Mixture::new(
-                &StateFilter::new(
+            belief: TagBelief::new(
+                StateFilter::new(
                     config.motion,
                     start.position_m,
                     start.position_std_m,
@@ -83,14 +83,7 @@ impl<
                     ranging.bias_std_m,
                 ),
                 start.velocity_std_m_s,
-            ),
-            filter: StateFilter::new(
-                config.motion,
-                start.position_m,
-                start.position_std_m,
-                start.velocity_std_m_s,
-                ranging.bias_mean_m,
-                ranging.bias_std_m,
+                config.belief,
             ),
             environment: EnvironmentMemory::default(),
             transmission: TransmissionMemory::default(),
@@ -133,14 +126,16 @@ impl<
         for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
             mapped.check(slot, self.anchors.len())?;
         }
-        let Self { config, anchors, library, filter, environment, plan, .. } = self;
+        let Self { config, anchors, library, belief, environment, plan, .. } = self;
         if let Some(told) = &map.plan {
             plan.keep(told)?;
         }
-        enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);
-        if let Some(told) = &map.plan {
-            enter_plan(filter, environment, plan, told, anchors, config, library.shortest_pulse_m());
-        }
+        belief.tell(|filter| {
+            enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);
+            if let Some(told) = &map.plan {
+                enter_plan(filter, environment, plan, told, anchors, config, library.shortest_pulse_m());
+            }
+        });
         Ok(())
     }
 
@@ -252,7 +247,7 @@ impl<
             expected: controller.map_or(0, Controller::action_index),
             held: controller.map_or(0, Controller::held),
             sought_with: controller.and_then(Controller::sought_with),
-            is_lost: self.is_searching(),
+            is_lost: self.belief.is_searching(),
             loss_ln: self.channel.loss_ln(action),
         }
     }

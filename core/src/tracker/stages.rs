@@ -1,7 +1,7 @@
 //! The stages of a cycle that join the states of several blocks.
 
 use super::joining::join;
-use super::values::{Place, Told, detections_anywhere, discovery_view};
+use super::values::{Known, Place, Told, detections_anywhere, discovery_view};
 use crate::controller::{Controller, Controllers};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
@@ -9,8 +9,12 @@ use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
-use crate::perceptor::association::outcome::{AssociatedScan, normalised_innovation};
+use crate::model::plan::FloorPlan;
+use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
+use crate::perceptor::belief::TagBelief;
+use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, Sweep, propose};
 use crate::perceptor::receiver::{Receiver, Scans};
+use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
 use crate::report::MapChanges;
 use heapless::Vec;
@@ -18,6 +22,33 @@ use heapless::Vec;
 /// Every scan with its outcome, and what the candidates for new virtual anchors claim of it.
 pub(super) type Outcomes<'a, const ANCHORS: usize, const SOURCES: usize, const PATHS: usize> =
     Vec<(AssociatedScan<'a, SOURCES, PATHS>, Claims<PATHS>), ANCHORS>;
+
+/// How much of the strong paths of a cycle is explained.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Explained {
+    /// Paths that no false alarm is as strong as.
+    pub(super) strong: f32,
+    /// Of those, how many are expected to belong to a known source.
+    pub(super) known: f32,
+}
+
+impl Explained {
+    /// Enters a scan.
+    pub(super) fn enter<const SOURCES: usize, const PATHS: usize>(
+        &mut self,
+        outcome: &AssociatedScan<'_, SOURCES, PATHS>,
+    ) {
+        for (measurement, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
+            if measurement.false_alarm < WEAK {
+                self.strong += 1.0;
+                self.known += 1.0 - free;
+            }
+        }
+    }
+}
+
+/// Tuned: density of false alarms so strong over that of all, below which a path is strong.
+const WEAK: f32 = 0.3;
 
 /// What was heard in a cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -46,6 +77,106 @@ impl Heard {
         }
         heard
     }
+}
+
+/// Compares all components with a scan and updates them by it. Returns what the heaviest of them makes of it.
+#[inline(never)]
+#[allow(clippy::too_many_arguments)] // each is a state, or what it is told
+pub(super) fn hear<
+    'a,
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+    const COMPONENTS: usize,
+>(
+    belief: &mut TagBelief<ANCHORS, SURFACES, COMPONENTS>,
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    channel: &ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
+    clutter: &ClutterMemory<ANCHORS>,
+    (plan, walls): (&FloorPlan<SEGMENTS>, &Walls<'_, SEGMENTS>),
+    scan: &'a Scan<PATHS>,
+    claims: &[f32; PATHS],
+) -> Option<AssociatedScan<'a, SOURCES, PATHS>> {
+    let mut best: Option<(f32, AssociatedScan<'a, SOURCES, PATHS>)> = None;
+    let mode = told.config.association.mode;
+    for component in belief.components_mut() {
+        let known = Known { filter: &component.filter, environment, channel, plan, walls };
+        let Some(expected) = known.expect(told, scan) else { continue };
+        let outcome = associate_scan(scan, expected, claims, &clutter.clutter(scan.anchor), mode);
+        component.weight_nat += outcome.beliefs.evidence_nat;
+        component.filter.update(outcome.innovations());
+        if best.as_ref().is_none_or(|(most, _)| component.weight_nat > *most) {
+            best = Some((component.weight_nat, outcome));
+        }
+    }
+    belief.reduce();
+    best.map(|(_, outcome)| outcome)
+}
+
+/// Places that the scans propose.
+#[inline(never)]
+pub(super) fn propose_places<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
+    trusted: &StateFilter<ANCHORS, SURFACES>,
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    channel: &ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
+    clutter: &ClutterMemory<ANCHORS>,
+    plan: &FloorPlan<SEGMENTS>,
+    scans: &Scans<ANCHORS, PATHS>,
+    phase: f32,
+) -> Vec<Proposal, PROPOSED> {
+    let mut sweeps: Vec<Sweep<'_, PATHS>, ANCHORS> = Vec::new();
+    let mut landmarks: Vec<Vec<Landmark, SOURCES>, ANCHORS> = Vec::new();
+    let mut direct: Vec<Landmark, ANCHORS> = Vec::new();
+    for scan in scans {
+        let (Some(sight), Some(bias)) = (told.sight(scan.anchor), trusted.bias_m(scan.anchor)) else {
+            continue;
+        };
+        let (seen, detections) = detections_anywhere(told, scan, environment, channel);
+        let mut images = Vec::new();
+        for slot in environment.images_of(scan.anchor) {
+            let record = environment.get(slot);
+            let placed = record.and_then(|record| trusted.placed(sight.anchor_m, &record.sequence));
+            if let (Some((at, c)), Some(detection)) = (placed, detections.get(slot)) {
+                // One per slot: the push succeeds.
+                let _ = images.push(Landmark {
+                    position_m: [at.x, at.y],
+                    covariance_m2: [c.m11, c.m21, c.m22],
+                    detection: environment.existence(slot) * detection,
+                });
+            }
+        }
+        // As many as scans: the pushes succeed.
+        let _ = landmarks.push(images);
+        let _ = direct.push(Landmark {
+            position_m: sight.anchor_m,
+            covariance_m2: [0.0; 3],
+            detection: seen,
+        });
+        let _ = sweeps.push(Sweep {
+            measurements: &scan.measurements,
+            height_m: sight.height_m,
+            bias,
+            clutter: clutter.clutter(scan.anchor),
+        });
+    }
+    propose(
+        &sweeps,
+        |sweep| direct.get(sweep).into_iter().chain(landmarks.get(sweep).into_iter().flatten()).copied(),
+        |place_m, std_m| plan.inside(place_m, std_m),
+        phase,
+    )
 }
 
 /// What the memories keep of a cycle: existence, SINR of every source whose path was probably seen, and how much of each
@@ -80,7 +211,6 @@ pub(super) fn remember<
     }
     for (outcome, _) in outcomes {
         let scan = outcome.scan;
-        clutter.keep(scan, &outcome.beliefs.unassociated);
         // What is missing from a doubtful place may be where it was: the tag is not.
         if !is_sure {
             // Under gain control, what is heard with an action that a lost tag is sought with cannot be compared yet.
@@ -131,8 +261,9 @@ pub(super) fn revise_map<
     const SOURCES: usize,
     const PATHS: usize,
     const ACTIONS: usize,
+    const COMPONENTS: usize,
 >(
-    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    belief: &mut TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     discovery: &mut Discovery<ANCHORS>,
@@ -141,19 +272,19 @@ pub(super) fn revise_map<
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) -> MapChanges {
     let mut changes = MapChanges::default();
-    let removed = environment.revise(|environment, slot| placed(told, environment, filter, slot));
+    let removed = environment.revise(|environment, slot| placed(told, environment, belief.leader(), slot));
     for removed in &removed {
-        take_out(filter, channel, removed);
+        take_out(belief, channel, removed);
         changes.forgotten += 1;
     }
-    if !told.config.discovery || crate::knob::knob(22) > 0.0 {
+    if !told.config.discovery {
         return changes;
     }
     for (outcome, claims) in outcomes {
         let scan = outcome.scan;
         let Some(sight) = told.sight(scan.anchor) else { continue };
         let Some((viewpoint, background)) =
-            discovery_view(told, filter, clutter, scan.anchor, &outcome.expected.direct)
+            discovery_view(told, belief.leader(), clutter, scan.anchor, &outcome.expected.direct)
         else {
             continue;
         };
@@ -172,7 +303,7 @@ pub(super) fn revise_map<
                 scan.anchor,
                 sight.anchor_m,
                 found.position,
-                |environment, slot| placed(told, environment, filter, slot),
+                |environment, slot| placed(told, environment, belief.leader(), slot),
                 |environment| detections_anywhere(told, scan, environment, channel).1,
             );
             match admission {
@@ -180,10 +311,10 @@ pub(super) fn revise_map<
                 Admission::Full => changes.map_full += 1,
                 Admission::Entered { surface, replaced, .. } => {
                     if let Some(replaced) = replaced {
-                        take_out(filter, channel, &replaced);
+                        take_out(belief, channel, &replaced);
                         changes.forgotten += 1;
                     }
-                    filter.insert_relative(surface, found.position, &found.gain, &found.covariance);
+                    belief.discover(surface, found.position, &found.gain, &found.covariance);
                     changes.discovered += 1;
                 }
             }
@@ -193,10 +324,11 @@ pub(super) fn revise_map<
     if outcomes.is_empty() {
         return changes;
     }
-    if let Some(joined) = join(filter, environment, told.anchors, told.config.ranging.max_range_m) {
+    let range_m = told.config.ranging.max_range_m;
+    if let Some(joined) = belief.revise(|filter| join(filter, environment, told.anchors, range_m)) {
         changes.joined += 1;
         if let Some(removed) = joined.removed {
-            take_out(filter, channel, &removed);
+            take_out(belief, channel, &removed);
         }
     }
     changes
@@ -214,13 +346,19 @@ fn placed<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, con
 }
 
 /// Takes a source out of the state and out of the channel memory.
-fn take_out<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, const ACTIONS: usize>(
-    filter: &mut StateFilter<ANCHORS, SURFACES>,
+fn take_out<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const ACTIONS: usize,
+    const COMPONENTS: usize,
+>(
+    belief: &mut TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     removed: &Removed,
 ) {
     for surface in removed.surfaces.into_iter().flatten() {
-        filter.remove(surface);
+        belief.remove(surface);
     }
     channel.forget(removed.slot);
 }

@@ -16,7 +16,7 @@ use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::model::source::Source;
 use crate::model::surface::Surface;
-use crate::perceptor::belief::acquisition::Acquisition;
+use crate::perceptor::belief::TagBelief;
 use crate::perceptor::expectation::Sighting;
 use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::StateFilter;
@@ -32,7 +32,8 @@ impl<
     const SEGMENTS: usize,
     const PATHS: usize,
     const ACTIONS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS>
+    const COMPONENTS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>
 {
     /// Narrows what may be chosen for `anchor` to these actions of the library: what its radio can do, or may. Where all
     /// anchors share one choice, it is narrowed for all. To be called before the first cycle: an action that is no longer
@@ -62,17 +63,18 @@ impl<
         tag_height: Option<TagHeight>,
         settings: &WaypointSettings,
     ) -> Result<WaypointChoice, WaypointError> {
-        if self.is_searching() {
+        if self.belief.is_searching() {
             return Err(WaypointError::Acquiring);
         }
         if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(WaypointError::TagHeight);
         }
-        let state = planning_state(&self.config, &self.filter.agent(), self.threshold(), settings.period_s);
-        let Self { config, anchors, plan, library, filter, environment, channel, clutter, .. } = self;
+        let state = planning_state(&self.config, &self.filter().agent(), self.threshold(), settings.period_s);
+        let Self { config, anchors, plan, library, environment, channel, .. } = self;
+        let filter = self.filter();
         let told = Told { config, anchors, library, tag_height };
-        let walls = &walls_now(plan, filter, environment, &self.transmission);
-        let known = Known { filter, environment, channel, clutter, plan, walls };
+        let walls = &walls_now(plan, filter, environment, |wall| self.transmission.through(wall));
+        let known = Known { filter, environment, channel, plan, walls };
         let std_m = Place::of(&filter.agent()).std_m;
         let sources = |position_m: [f32; 2]| {
             known.visible(&told, Place { position_m, std_m }).filter_map(|sight| {
@@ -88,9 +90,9 @@ impl<
         self.receiver.gain_control()
     }
 
-    /// The state filter.
+    /// The state filter: that of the leading component.
     pub fn filter(&self) -> &StateFilter<ANCHORS, SURFACES> {
-        &self.filter
+        self.belief.leader()
     }
 
     /// The environment memory.
@@ -102,12 +104,12 @@ impl<
     /// free slot.
     pub fn image(&self, slot: usize) -> Option<Placed> {
         let record = self.environment.get(slot)?;
-        self.filter.placed(self.anchors.get(record.anchor)?.position_m, &record.sequence)
+        self.filter().placed(self.anchors.get(record.anchor)?.position_m, &record.sequence)
     }
 
     /// The wall in a slot of the state filter; `None` where there is none, or a private surface of one image.
     pub fn wall(&self, slot: usize) -> Option<WallEstimate> {
-        let (Surface::Wall(line), state, c) = self.filter.surface(slot)? else { return None };
+        let (Surface::Wall(line), state, c) = self.filter().surface(slot)? else { return None };
         let record = self.environment.surface(slot)?;
         Some(WallEstimate {
             line: line.moved(state.x, state.y),
@@ -121,9 +123,10 @@ impl<
     /// Probability that the plan lets the path of a source through to a place (metres) that is known as well as the tag's is;
     /// 1 without a plan, 0 for a source that there is not.
     pub fn availability(&self, source: Source, place_m: [f32; 2]) -> f32 {
-        let Self { anchors, plan, filter, environment, channel, clutter, .. } = self;
-        let walls = &walls_now(plan, filter, environment, &self.transmission);
-        let known = Known { filter, environment, channel, clutter, plan, walls };
+        let Self { anchors, plan, environment, channel, .. } = self;
+        let filter = self.filter();
+        let walls = &walls_now(plan, filter, environment, |wall| self.transmission.through(wall));
+        let known = Known { filter, environment, channel, plan, walls };
         let Some(anchor) = anchors.get(source.anchor()) else { return 0.0 };
         let paths = walls.paths(anchor.position_m, place_m, Place::of(&filter.agent()).std_m);
         match source {
@@ -174,19 +177,9 @@ impl<
         &self.discovery
     }
 
-    /// The places the tag may be at, while it is not known.
-    pub fn acquisition(&self) -> Option<&Acquisition<ANCHORS>> {
-        None
-    }
-
-    /// Whether it is not known where the tag is.
-    pub fn is_searching(&self) -> bool {
-        self.mixture.summary.probability < 0.5
-    }
-
-    /// The belief.
-    pub fn mixture(&self) -> &crate::perceptor::belief::mixture::Mixture<ANCHORS, SURFACES> {
-        &self.mixture
+    /// Where the tag may be.
+    pub fn belief(&self) -> &TagBelief<ANCHORS, SURFACES, COMPONENTS> {
+        &self.belief
     }
 
     /// Mean number of measurements per scan of each anchor that nothing known explains.
@@ -224,7 +217,6 @@ impl<
             controller.words().into_iter().for_each(|word| hash.word(word));
         }
         self.receiver.gain_control().iter().for_each(|control| control.visit(|v| hash.float(v)));
-        self.filter.visit(|v| hash.float(v));
         for (slot, record) in self.environment.iter() {
             hash.word(slot as u32);
             hash.word(record.anchor as u32);
@@ -240,6 +232,7 @@ impl<
         self.transmission.visit(self.plan.walls().len(), |v| hash.float(v));
         self.channel.visit(|v| hash.float(v));
         self.discovery.visit(|v| hash.float(v));
+        self.belief.visit(|v| hash.float(v));
         for controller in self.controllers.all() {
             let (values, policy) = (controller.values().values(), controller.policy());
             values.iter().chain(policy).for_each(|v| hash.float(*v));

@@ -6,7 +6,6 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Background, Viewpoint};
 use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
-use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::availability::{Paths, WallNow, Walls};
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
@@ -66,7 +65,8 @@ impl Place {
     }
 }
 
-/// The plan with its walls as they stand now, as far as they are believed to be there, with what they let through.
+/// The plan with its walls as they stand now, as far as they are believed to be there; `through` is the share that a wall lets
+/// through if it is.
 pub(super) fn walls_now<
     'a,
     const ANCHORS: usize,
@@ -77,22 +77,7 @@ pub(super) fn walls_now<
     plan: &'a FloorPlan<SEGMENTS>,
     filter: &StateFilter<ANCHORS, SURFACES>,
     environment: &EnvironmentMemory<SURFACES, SOURCES>,
-    transmission: &TransmissionMemory<SEGMENTS>,
-) -> Walls<'a, SEGMENTS> {
-    walls_with(plan, filter, environment, |index, existence| 1.0 - existence * (1.0 - transmission.through(index)))
-}
-
-pub(super) fn walls_with<
-    'a,
-    const ANCHORS: usize,
-    const SURFACES: usize,
-    const SOURCES: usize,
-    const SEGMENTS: usize,
->(
-    plan: &'a FloorPlan<SEGMENTS>,
-    filter: &StateFilter<ANCHORS, SURFACES>,
-    environment: &EnvironmentMemory<SURFACES, SOURCES>,
-    through: impl Fn(usize, f32) -> f32,
+    through: impl Fn(usize) -> f32,
 ) -> Walls<'a, SEGMENTS> {
     Walls::new(plan, |index, wall| {
         let slot = wall.surface.map(usize::from);
@@ -102,7 +87,7 @@ pub(super) fn walls_with<
         };
         let existence =
             slot.and_then(|slot| environment.surface(slot)).map_or(1.0, |record| record.existence);
-        WallNow { line, std_m, through: through(index, existence) }
+        WallNow { line, std_m, through: 1.0 - existence * (1.0 - through(index)) }
     })
 }
 
@@ -119,7 +104,6 @@ pub(super) struct Known<
     pub(super) filter: &'a StateFilter<ANCHORS, SURFACES>,
     pub(super) environment: &'a EnvironmentMemory<SURFACES, SOURCES>,
     pub(super) channel: &'a ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
-    pub(super) clutter: &'a ClutterMemory<ANCHORS>,
     pub(super) plan: &'a FloorPlan<SEGMENTS>,
     pub(super) walls: &'a Walls<'a, SEGMENTS>,
 }
@@ -255,7 +239,7 @@ fn channel_prior<const PATHS: usize>(
     if scan.is_framed() { channel.prior(source, scan.action) } else { ChannelPrior::UNKNOWN }
 }
 
-/// See [`Known::detections_anywhere`].
+/// Detection probability, wherever the tag is: of the direct path, and of every slot of the map (0 for free ones).
 pub(super) fn detections_anywhere<
     const ANCHORS: usize,
     const SURFACES: usize,
@@ -280,6 +264,17 @@ pub(super) fn detections_anywhere<
         }
     }
     (of(Source::Direct { anchor: scan.anchor }), detections)
+}
+
+/// From where an anchor's candidates are seen by the leader, and what they compete with.
+pub(super) fn leader_view<const ANCHORS: usize, const SURFACES: usize, const ACTIONS: usize>(
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    leader: &StateFilter<ANCHORS, SURFACES>,
+    clutter: &ClutterMemory<ANCHORS>,
+    anchor: usize,
+) -> Option<(Viewpoint, Background)> {
+    let direct = leader.regress(Source::Direct { anchor }, &told.sight(anchor)?, None)?;
+    discovery_view(told, leader, clutter, anchor, &direct)
 }
 
 /// From where an anchor's candidates are seen, and what they compete with; `direct` is the anchor's direct path as it was

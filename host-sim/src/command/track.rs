@@ -88,7 +88,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             virtual_anchors: &run.map,
             consistency: &run.consistency,
             measurements_left_out: run.left_out,
-            cycles_acquiring: run.acquiring,
+            cycles_acquiring: run.searching,
             losses_noticed: run.losses,
             discoveries_without_room: run.map_full,
             refused_cycles: run.refused,
@@ -157,7 +157,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     for (anchor, [bias, deviation]) in recording.anchors.iter().zip(&run.bias_m) {
         print(&format!("range bias of {}: {bias:.3} m, deviation {deviation:.3} m", anchor.name));
     }
-    print(&format!("tag searched for in {} cycles, loss noticed {} times", run.acquiring, run.losses));
+    print(&format!("tag searched for in {} cycles, loss noticed {} times", run.searching, run.losses));
     if run.map_full > 0 {
         print(&format!("{} virtual anchors found no room in the map", run.map_full));
     }

@@ -6,7 +6,7 @@
 
 use super::Belief;
 use super::factors::{Row, Rows, Stage, members};
-use crate::real::abs;
+use crate::real::{abs, ln};
 
 /// Guard: against endless small changes: relative change of every message below which the iteration has converged.
 pub const TOLERANCE: f32 = 1e-4;
@@ -29,6 +29,32 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
             }
         }
         iterations
+    }
+
+    /// Evidence of the loopy features, nats, by Bethe's approximation:
+    ///
+    /// sum_k ln (psi_k0 + sum_m psi_km nu_mk) + sum_m ln (1 + sum_k mu_km) - sum_km ln (1 + mu_km nu_mk).
+    pub(super) fn evidence_nat(&self) -> f32 {
+        let mut evidence_nat = 0.0;
+        let mut sums = [1.0; PATHS];
+        for row in self.iter().filter(|row| row.stage == Stage::Loopy) {
+            let mut own = row.absent;
+            for m in members(row.gated) {
+                let messages = row.psi.get(m).zip(row.nu.get(m)).zip(row.mu.get(m)).zip(sums.get_mut(m));
+                if let Some((((psi, nu), mu), sum)) = messages {
+                    own += psi * nu;
+                    *sum += mu;
+                    evidence_nat -= ln(1.0 + mu * nu);
+                }
+            }
+            evidence_nat += ln(own);
+        }
+        for sum in sums {
+            if sum > 1.0 {
+                evidence_nat += ln(sum);
+            }
+        }
+        evidence_nat
     }
 
     fn loopy(&mut self) -> impl DoubleEndedIterator<Item = &mut Row<PATHS>> {

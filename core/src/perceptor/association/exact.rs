@@ -102,14 +102,11 @@ impl<const PATHS: usize> Trellis<PATHS> {
             return false;
         }
         self.backward(rows, false);
-        let mut evidence_ln = 0.0;
-        for total in self.totals.iter().take(self.features.len()) {
-            evidence_ln += ln(*total);
-        }
+        let evidence_nat = self.totals.iter().take(self.features.len()).fold(0.0, |sum, total| sum + ln(*total));
         if !self.forward(rows, beliefs) {
             return false;
         }
-        beliefs.evidence_ln += evidence_ln;
+        beliefs.evidence_nat += evidence_nat;
         self.backward(rows, true);
         self.follow(rows, beliefs);
         true

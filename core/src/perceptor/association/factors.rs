@@ -1,8 +1,9 @@
 //! The factors of the features of one anchor, and which features compete for the same measurements.
 
-use crate::model::measurement::{Clutter, Measurement, is_earlier};
+use super::background::Background;
+use crate::model::measurement::{Measurement, is_earlier};
 use crate::perceptor::expectation::Expectation;
-use crate::real::{exp, larger, ln, sqrt};
+use crate::real::{TAU, exp, larger, sqrt};
 use heapless::Vec;
 
 /// Guard: against work on what explains nothing: beyond this many standard deviations a measurement cannot belong to a feature.
@@ -65,15 +66,17 @@ impl<const PATHS: usize> Row<PATHS> {
     fn new(
         expectation: &Expectation,
         measurements: &Vec<Measurement, PATHS>,
-        claims: &[f32; PATHS],
-        clutter: &Clutter,
+        background: &Background<PATHS>,
     ) -> Self {
         let mut psi = [0.0; PATHS];
-        let scale = expectation.existence * expectation.detection / clutter.all_per_m;
-        for ((factor, measurement), claim) in psi.iter_mut().zip(measurements).zip(claims) {
+        let detected = expectation.existence * expectation.detection;
+        for ((factor, measurement), per_m) in psi.iter_mut().zip(measurements).zip(background.per_m()) {
             let innovation = measurement.range_m - expectation.range_m;
-            let density = tailed(innovation * innovation, expectation.variance_m2 + measurement.variance_m2, clutter.tail_m2);
-            *factor = scale * (density[0] + density[1]) / claim;
+            let variance = expectation.variance_m2 + measurement.variance_m2;
+            let nis = innovation * innovation / variance;
+            if nis < GATE * GATE {
+                *factor = detected * exp(-0.5 * nis) / (sqrt(TAU * variance) * per_m);
+            }
         }
         let absent = expectation.existence * (1.0 - expectation.detection) + (1.0 - expectation.existence);
         Self {
@@ -109,17 +112,6 @@ impl<const PATHS: usize> Row<PATHS> {
     }
 }
 
-/// Densities of a squared innovation: with the usual variance, and with the tail's.
-pub(super) fn tailed(squared: f32, variance: f32, tail_m2: f32) -> [f32; 2] {
-    let w = if tail_m2 > 0.0 { crate::knob::knob(18) } else { 0.0 };
-    let of = |variance: f32| {
-        let nis = squared / variance;
-        if nis < GATE * GATE { exp(-0.5 * nis) / sqrt(crate::real::TAU * variance) } else { 0.0 }
-    };
-    let tail = if w > 0.0 { w * of(variance + tail_m2) } else { 0.0 };
-    [(1.0 - w) * of(variance), tail]
-}
-
 /// The indices of the ones in `set`, upwards.
 pub(super) fn members(set: u32) -> impl Iterator<Item = usize> {
     let mut rest = set;
@@ -153,12 +145,11 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         direct: &Expectation,
         virtual_anchors: &Vec<Expectation, SOURCES>,
         measurements: &Vec<Measurement, PATHS>,
-        claims: &[f32; PATHS],
-        clutter: &Clutter,
+        background: &Background<PATHS>,
     ) {
-        self.direct = Row::new(direct, measurements, claims, clutter);
+        self.direct = Row::new(direct, measurements, background);
         for expectation in virtual_anchors {
-            let mut row = Row::new(expectation, measurements, claims, clutter);
+            let mut row = Row::new(expectation, measurements, background);
             row.rule_out_earlier_arrivals(measurements, direct);
             // Capacities are equal: every push succeeds.
             let _ = self.virtual_anchors.push(row);
@@ -166,50 +157,6 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         for row in self.iter_mut() {
             row.mark_gated();
         }
-    }
-
-    /// The feature has this measurement, or none.
-    pub(super) fn restrict(&mut self, feature: usize, measurement: Option<usize>) {
-        let row = match feature.checked_sub(1) {
-            None => &mut self.direct,
-            Some(slot) => match self.virtual_anchors.get_mut(slot) {
-                Some(row) => row,
-                None => return,
-            },
-        };
-        let kept = measurement.map_or(0.0, |m| row.psi.get(m).copied().unwrap_or(0.0));
-        row.psi = [0.0; PATHS];
-        row.gated = 0;
-        if let Some(m) = measurement {
-            if let Some(psi) = row.psi.get_mut(m) {
-                *psi = kept;
-            }
-            row.gated = 1_u32.wrapping_shl(m as u32);
-            row.absent = LEAST_ABSENT * kept;
-        }
-    }
-
-    /// ln of the sum over all joint associations of the loopy features, by Bethe's approximation.
-    pub(super) fn bethe_ln(&self) -> f32 {
-        let mut sums = [1.0; PATHS];
-        let mut total = 0.0;
-        for row in self.iter().filter(|row| row.stage == Stage::Loopy) {
-            let mut own = row.absent;
-            for m in members(row.gated) {
-                if let (Some(psi), Some(nu), Some(mu), Some(sum)) =
-                    (row.psi.get(m), row.nu.get(m), row.mu.get(m), sums.get_mut(m))
-                {
-                    own += psi * nu;
-                    *sum += mu;
-                    total -= ln(1.0 + mu * nu);
-                }
-            }
-            total += ln(own);
-        }
-        for sum in sums {
-            total += ln(sum);
-        }
-        total
     }
 
     pub(super) fn iter(&self) -> impl DoubleEndedIterator<Item = &Row<PATHS>> {

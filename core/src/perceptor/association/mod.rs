@@ -10,21 +10,23 @@
 //! (marginals and the most probable joint association) as long as the fixed memory suffices, which covers all of
 //! three features by three measurements and nearly all that occur; the others go through loopy belief propagation.
 //!
-//! The direct path is the shortest: measurements below it can only be false alarms, not paths of virtual
-//! anchors, mapped or not. With lambda the intensity of all that belongs to nothing known and lambda_fa that of false
-//! alarms of the measurement's strength alone, each measurement clearly shorter than m costs the hypothesis "m is the
-//! direct path" a factor lambda_fa / lambda; and no virtual anchor gets one that is clearly shorter than the direct path is
-//! expected to be, because a map that is wrong would then explain away that the tag is elsewhere.
+//! The direct path is the shortest: measurements below it can only be false alarms, not paths of virtual anchors, mapped or
+//! not ([`background`]); and no virtual anchor gets one that is clearly shorter than the direct path is expected to be, because
+//! a map that is wrong would then explain away that the tag is elsewhere.
+//!
+//! The sum over all joint associations is the evidence of the scan for the place that it was compared at, of loopy clusters by
+//! Bethe's approximation. It is relative to that of clutter alone, which is the same for all places.
 
+pub mod background;
 pub mod belief_propagation;
-pub mod evidence;
 pub mod exact;
 pub mod factors;
 pub mod outcome;
 
 use super::expectation::Expectation;
-use crate::model::measurement::{Clutter, Measurement};
+use crate::model::measurement::Measurement;
 use crate::real::larger;
+use background::Background;
 use exact::{STATES, Trellis};
 use factors::{Rows, Stage, members};
 use heapless::Vec;
@@ -95,8 +97,8 @@ pub struct Beliefs<const SOURCES: usize, const PATHS: usize> {
     pub unassociated: [f32; PATHS],
     /// Iterations of belief propagation; 0 where every cluster was solved exactly.
     pub iterations: usize,
-    /// ln of the sum over all joint associations, over that of clutter alone.
-    pub evidence_ln: f32,
+    /// ln of the sum over all joint associations, over that in which everything is clutter of the usual density.
+    pub evidence_nat: f32,
 }
 
 impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
@@ -182,31 +184,14 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
     }
 }
 
-/// Associates one anchor's `measurements` with its direct path and its virtual anchors. `claims` says, per measurement, how
-/// much more probable something that is not among these features makes it than clutter would (1: nothing).
+/// Associates one anchor's `measurements` with its direct path and its virtual anchors, before this background.
 pub fn associate<const SOURCES: usize, const PATHS: usize>(
     direct: &Expectation,
     virtual_anchors: &Vec<Expectation, SOURCES>,
     measurements: &Vec<Measurement, PATHS>,
-    claims: &[f32; PATHS],
-    clutter: &Clutter,
+    background: &Background<PATHS>,
 ) -> Beliefs<SOURCES, PATHS> {
-    associate_within(direct, virtual_anchors, measurements, claims, clutter, STATES, &[])
-}
-
-/// What is taken to be so of a feature (0 the direct path): that it has this measurement, or none.
-pub type Given = (usize, Option<usize>);
-
-/// As [`associate`], given these.
-pub fn associate_given<const SOURCES: usize, const PATHS: usize>(
-    direct: &Expectation,
-    virtual_anchors: &Vec<Expectation, SOURCES>,
-    measurements: &Vec<Measurement, PATHS>,
-    claims: &[f32; PATHS],
-    clutter: &Clutter,
-    given: &[Given],
-) -> Beliefs<SOURCES, PATHS> {
-    associate_within(direct, virtual_anchors, measurements, claims, clutter, STATES, given)
+    associate_within(direct, virtual_anchors, measurements, background, STATES)
 }
 
 /// As [`associate`]; clusters that need more than `limit` values for an exact solution are not given one.
@@ -214,20 +199,20 @@ fn associate_within<const SOURCES: usize, const PATHS: usize>(
     direct: &Expectation,
     virtual_anchors: &Vec<Expectation, SOURCES>,
     measurements: &Vec<Measurement, PATHS>,
-    claims: &[f32; PATHS],
-    clutter: &Clutter,
+    background: &Background<PATHS>,
     limit: usize,
-    given: &[Given],
 ) -> Beliefs<SOURCES, PATHS> {
     let count = measurements.len();
     let mut rows = Rows::empty();
-    rows.fill(direct, virtual_anchors, measurements, claims, clutter);
-    for (feature, measurement) in given {
-        rows.restrict(*feature, *measurement);
-    }
+    rows.fill(direct, virtual_anchors, measurements, background);
     let blank = Belief { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown };
-    let mut beliefs =
-        Beliefs { direct: blank, virtual_anchors: Vec::new(), unassociated: [0.0; PATHS], iterations: 0, evidence_ln: 0.0 };
+    let mut beliefs = Beliefs {
+        direct: blank,
+        virtual_anchors: Vec::new(),
+        unassociated: [0.0; PATHS],
+        iterations: 0,
+        evidence_nat: background.evidence_nat(count),
+    };
     for _ in virtual_anchors {
         // Capacities are equal: every push succeeds.
         let _ = beliefs.virtual_anchors.push(blank);
@@ -238,9 +223,7 @@ fn associate_within<const SOURCES: usize, const PATHS: usize>(
         rows.settle_cluster(if solved { Stage::Exact } else { Stage::Loopy });
     }
     beliefs.iterations = rows.propagate();
-    if beliefs.iterations > 0 {
-        beliefs.evidence_ln += rows.bethe_ln();
-    }
+    beliefs.evidence_nat += rows.evidence_nat();
     beliefs.conclude(&rows, direct, virtual_anchors, count);
     beliefs
 }
@@ -419,7 +402,7 @@ mod tests {
             measurements.push(measurement((1.0 + span_m * uniform()) as f32, 0.1)).unwrap();
             let (direct, others) = features.split_first().unwrap();
             let others: Vec<Expectation, K> = others.iter().copied().collect();
-            let beliefs = associate_within(direct, &others, &measurements, &[1.0; M], &clutter, limit, &[]);
+            let beliefs = associate_within(direct, &others, &measurements, &background, limit);
             let truth = Enumeration::new(&features, &measurements, f64::from(density));
             let (first, rest) = beliefs.most_probable();
             let choices: std::vec::Vec<_> = core::iter::once(first).chain(rest.iter().copied()).collect();
@@ -496,7 +479,7 @@ mod tests {
         }
         let density = 1.0 / 30.0;
         let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
-        let beliefs = associate(&with(features[0]), &others, &measurements, &[1.0; 4], &clutter);
+        let beliefs = associate(&with(features[0]), &others, &measurements, &background);
         let expected =
             [[0.000185, 0.999815, 0.0, 0.0], [0.559434, 0.0, 0.440566, 0.0], [0.444064, 0.0, 0.555936, 0.0]];
         for (belief, row) in beliefs.features().zip(expected) {
@@ -518,7 +501,7 @@ mod tests {
         let mut others: Vec<Expectation, 2> = Vec::new();
         others.push(Expectation { existence: 0.5, ..expectation(4.0, 0.1) }).unwrap();
         let clutter = Clutter { false_alarms_per_m: 0.03, all_per_m: 0.03 };
-        let beliefs = associate::<2, 4>(&direct, &others, &Vec::new(), &[1.0; 4], &clutter);
+        let beliefs = associate::<2, 4>(&direct, &others, &Vec::new(), &background);
         assert_eq!(beliefs.direct.missed, 1.0);
         let exact = 0.5 * 0.05 / (0.5 * 0.05 + 0.5);
         assert!((beliefs.virtual_anchors[0].existence - exact).abs() < 1e-6);

@@ -1,6 +1,6 @@
 //! A scan with what it was compared to and what came out: what the update and the memories read.
 
-use super::evidence::evidence_nat;
+use super::background::Background;
 use super::{Belief, Beliefs, Mode, associate};
 use crate::model::measurement::{Clutter, Measurement};
 use crate::model::range::Regression;
@@ -15,13 +15,9 @@ pub struct AssociatedScan<'a, const SOURCES: usize, const PATHS: usize> {
     /// What was received.
     pub scan: &'a Scan<PATHS>,
     /// What it was expected to show.
-    pub expected: &'a Expectations<SOURCES>,
+    pub expected: Expectations<SOURCES>,
     /// Which measurement belongs to which source.
     pub beliefs: Beliefs<SOURCES, PATHS>,
-    /// Evidence that the tag is where it is believed to be, nats.
-    pub evidence_nat: f32,
-    /// Variance of the tail.
-    pub tail_m2: f32,
 }
 
 /// The measurements associated with one source.
@@ -52,7 +48,7 @@ impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS
     /// What the state is moved by: one innovation for every source with which anything is associated.
     pub fn innovations(&self) -> impl Iterator<Item = Innovation> + '_ {
         let measurements = &self.scan.measurements;
-        self.features().filter_map(|(regression, belief)| innovation(regression, measurements, belief, self.tail_m2))
+        self.features().filter_map(|(regression, belief)| innovation(regression, measurements, belief))
     }
 
     /// Number of measurements, and how many of them more likely than not belong to a known source.
@@ -77,18 +73,18 @@ impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS
 #[inline(never)]
 pub fn associate_scan<'a, const SOURCES: usize, const PATHS: usize>(
     scan: &'a Scan<PATHS>,
-    expected: &'a Expectations<SOURCES>,
+    expected: Expectations<SOURCES>,
     claims: &[f32; PATHS],
     clutter: &Clutter,
     mode: Mode,
 ) -> AssociatedScan<'a, SOURCES, PATHS> {
-    let Expectations { direct_path, expectations, .. } = expected;
-    let evidence_nat = evidence_nat(&scan.measurements, direct_path, expectations.iter(), clutter);
-    let mut beliefs = associate(direct_path, expectations, &scan.measurements, claims, clutter);
+    let Expectations { direct_path, expectations, .. } = &expected;
+    let background = Background::new(&scan.measurements, direct_path, clutter, claims);
+    let mut beliefs = associate(direct_path, expectations, &scan.measurements, &background);
     if mode == Mode::Map {
         beliefs.harden();
     }
-    AssociatedScan { scan, expected, beliefs, evidence_nat, tail_m2: 0.0 }
+    AssociatedScan { scan, expected, beliefs }
 }
 
 /// Sums up the measurements associated with a source; `None` where hardly any probability is.
@@ -96,34 +92,20 @@ fn innovation<const PATHS: usize>(
     regression: &Regression,
     measurements: &Vec<Measurement, PATHS>,
     belief: &Belief<PATHS>,
-    tail_m2: f32,
 ) -> Option<Innovation> {
     let mut moments = Moments::default();
-    let (mut inverse, mut first, mut second) = (0.0, 0.0, 0.0);
-    let own = regression.variance_m2();
+    let mut variance = 0.0;
     for (measurement, &p) in measurements.iter().zip(&belief.associated) {
-        if p <= 0.0 {
-            continue;
-        }
         let nu = measurement.range_m - regression.range_m;
-        let s1 = own + measurement.variance_m2;
-        let [d1, d2] = super::factors::tailed(nu * nu, s1, tail_m2);
-        let total = d1 + d2;
-        let b1 = if total > 0.0 { p * d1 / total } else { p };
-        let b2 = p - b1;
-        let s2 = s1 + tail_m2;
         moments.weight += p;
-        inverse += b1 / s1 + b2 / s2;
-        first += nu * (b1 / s1 + b2 / s2);
-        second += nu * nu * (b1 / (s1 * s1) + b2 / (s2 * s2));
+        moments.first_m += p * nu;
+        moments.second_m2 += p * (nu * nu);
+        variance += p * measurement.variance_m2;
     }
     if moments.weight < LEAST_WEIGHT {
         return None;
     }
-    let s = moments.weight / inverse;
-    moments.first_m = s * first;
-    moments.second_m2 = s * s * second;
-    Some(Innovation { regression: *regression, moments, variance_m2: s - own })
+    Some(Innovation { regression: *regression, moments, variance_m2: variance / moments.weight })
 }
 
 /// Mean normalised innovation squared of what was associated: 1 where the filter knows how wrong it is, 0 without
