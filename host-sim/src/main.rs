@@ -43,7 +43,7 @@ enum Command {
     /// Replay a recording through the core: table, figure, scores.
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
-    // Verify(command::verify::Options),
+    Verify(command::verify::Options),
     /// Make a recording of some of the cycles and ranges of another.
     Thin(command::thin::Options),
     /// Print the golden trace: a hash over all state after every cycle.
@@ -82,7 +82,7 @@ fn main() -> ExitCode {
         Some(Command::Experiment(experiment)) => command::experiment::run(&experiment),
         Some(Command::Estimate(options)) => command::estimate::run(&options),
         Some(Command::Track(options)) => command::track::run(&options),
-        // Some(Command::Verify(options)) => command::verify::run(&options),
+        Some(Command::Verify(options)) => command::verify::run(&options),
         Some(Command::Thin(options)) => command::thin::run(&options),
         Some(Command::Trace(options)) => command::trace::run(&options),
     };

@@ -12,8 +12,8 @@ use crate::reference::controller::Controller;
 use crate::reference::cycle::Intermediates;
 use crate::reference::{Capacity, Reference};
 use crate::replay::{
-    ACTIONS, LARGE_ANCHORS, PATHS, SEGMENTS, SMALL_ANCHORS, SOURCES, SURFACES, Setup, SizedTracker, Step,
-    inputs, step,
+    ACTIONS, COMPONENTS, LARGE_ANCHORS, PATHS, SEGMENTS, SMALL_ANCHORS, SOURCES, SURFACES, Setup,
+    SizedTracker, Step, inputs, step,
 };
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::measurement::Measurement;
@@ -99,7 +99,7 @@ pub struct Coverage {
     /// Discoveries dropped because the map was full.
     pub map_full: u64,
     /// Cycles after which it was not known yet where the tag is.
-    pub acquiring: u64,
+    pub searching: u64,
     /// Cycles after which a lost tag was sought with another action than the one held.
     pub sought_elsewhere: u64,
     /// Changes of action.
@@ -218,7 +218,7 @@ fn run<const A: usize>(
         comparison.hash("hash of all state", taken.hash, state_hash(&single));
 
         covered.add(&taken, &watch);
-        covered.acquiring += u64::from(tracker.acquisition().is_some());
+        covered.searching += u64::from(tracker.belief().is_searching());
         let sought_with = tracker.controller_of(0).and_then(|controller| controller.sought_with());
         covered.sought_elsewhere += u64::from(sought_with.is_some());
         let decided = decision_difference(&single, &ours, &double, &precise);
@@ -253,6 +253,7 @@ fn twin<T: crate::reference::Real, const A: usize>(setup: &Setup) -> Reference<T
         segments: SEGMENTS,
         paths: PATHS,
         actions: ACTIONS,
+        components: COMPONENTS,
     };
     Reference::new(setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed, capacity)
 }
@@ -470,8 +471,8 @@ impl Comparison {
         core.gain_control().iter().for_each(|control| control.visit(|value| numbers.push(value)));
         self.list("estimate", "gain control", &numbers, |f| visit_gain_control(reference, f));
         numbers.clear();
-        core.filter().visit(|value| numbers.push(value));
-        self.list("update", "the state filter", &numbers, |f| reference.filter.visit(f));
+        core.belief().visit(|value| numbers.push(value));
+        self.list("update", "the belief", &numbers, |f| reference.belief.visit(f));
 
         let stage = "remember";
         for slot in 0..SURFACES {
@@ -515,16 +516,6 @@ impl Comparison {
         self.list(stage, "the channel memory", &numbers, |f| reference.channel.visit(f));
         for (anchor, (a, b)) in core.unexplained().iter().zip(&reference.clutter.unexplained).enumerate() {
             self.float(stage, format_args!("mean of unexplained measurements of anchor {anchor}"), *a, *b);
-        }
-
-        let stage = "acquire";
-        let (ours, theirs) = (core.acquisition(), &reference.belief.acquisition);
-        let name = format_args!("whether the tag is searched for");
-        self.count(stage, name, u64::from(ours.is_some()), u64::from(theirs.is_some()));
-        if let (Some(ours), Some(theirs)) = (ours, theirs) {
-            numbers.clear();
-            ours.visit(|value| numbers.push(value));
-            self.list(stage, "the acquisition", &numbers, |f| theirs.visit(f));
         }
 
         let stage = "discover";
@@ -575,6 +566,7 @@ impl Comparison {
             ("position covariance xy", c.m12, d[0][1]),
             ("position covariance yx", c.m21, d[1][0]),
             ("position covariance yy", c.m22, d[1][1]),
+            ("probability", a.probability, b.probability),
             ("predicted entropy", a.predicted_entropy_nat, b.predicted_entropy_nat),
             ("entropy", a.entropy_nat, b.entropy_nat),
             ("reward", a.reward, b.reward),
@@ -591,7 +583,7 @@ impl Comparison {
             ("measurements", a.measurements, b.measurements),
             ("left out", a.left_out, b.left_out),
             ("associated", a.associated, b.associated),
-            ("acquiring", u32::from(a.acquiring), u32::from(b.acquiring)),
+            ("searching", u32::from(a.searching), u32::from(b.searching)),
             ("lost", u32::from(a.lost), u32::from(b.lost)),
             ("discovered", a.discovered, b.discovered),
             ("forgotten", a.forgotten, b.forgotten),
@@ -631,7 +623,6 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     hash.word(0);
     reference.controllers.all.iter().flat_map(Controller::words).for_each(|word| hash.word(word));
     visit_gain_control(reference, &mut |_, value| hash.float(value));
-    reference.filter.visit(&mut |_, value| hash.float(value));
     for (slot, record) in reference.environment.in_use() {
         hash.word(slot as u32);
         hash.word(record.anchor as u32);
@@ -647,11 +638,7 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
     reference.transmission.visit(&mut |_, value| hash.float(value));
     reference.channel.visit(&mut |_, value| hash.float(value));
     reference.discovery.visit(&mut |_, value| hash.float(value));
-    hash.word(u32::from(reference.belief.acquisition.is_some()));
-    if let Some(acquisition) = &reference.belief.acquisition {
-        acquisition.visit(&mut |_, value| hash.float(value));
-    }
-    hash.float(reference.belief.loss.doubt_nat);
+    reference.belief.visit(&mut |_, value| hash.float(value));
     for controller in &reference.controllers.all {
         controller.values.iter().chain(&controller.policy).for_each(|value| hash.float(*value));
         hash.float(controller.planned_reward.unwrap_or(0.0));
@@ -691,11 +678,7 @@ fn decision_difference(
             return Some(format!("most probable association of anchor {anchor}"));
         }
     }
-    let places = [
-        single.belief.acquisition.as_ref().map(|acquisition| acquisition.places()),
-        double.belief.acquisition.as_ref().map(|acquisition| acquisition.places()),
-    ];
-    if places[0] != places[1] {
+    if single.belief.components.len() != double.belief.components.len() {
         return Some("number of places the tag may be at".to_owned());
     }
     for anchor in 0..single.clutter.unexplained.len() {
@@ -1221,7 +1204,7 @@ mod tests {
             let (from, sought_with) = turn.unwrap();
             let recording = noisy(from, sought_with);
             let covered = verified(&setup(&recording), &recording).covered;
-            assert!(covered.sought_elsewhere > 3 && covered.acquiring < 80, "{from}: {covered:?}");
+            assert!(covered.sought_elsewhere > 3 && covered.searching < 80, "{from}: {covered:?}");
 
             let mut tracker = setup(&recording).tracker::<SMALL_ANCHORS>().unwrap();
             for input in inputs(&recording).take(from + 15) {

@@ -12,7 +12,7 @@ use crate::model::availability::Walls;
 use crate::model::plan::FloorPlan;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
 use crate::perceptor::belief::TagBelief;
-use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, Sweep, propose};
+use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, Sweep, WEAK, propose};
 use crate::perceptor::receiver::{Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
@@ -46,9 +46,6 @@ impl Explained {
         }
     }
 }
-
-/// Tuned: density of false alarms so strong over that of all, below which a path is strong.
-const WEAK: f32 = 0.3;
 
 /// What was heard in a cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -159,11 +156,8 @@ pub(super) fn propose_places<
         }
         // As many as scans: the pushes succeed.
         let _ = landmarks.push(images);
-        let _ = direct.push(Landmark {
-            position_m: sight.anchor_m,
-            covariance_m2: [0.0; 3],
-            detection: seen,
-        });
+        let _ =
+            direct.push(Landmark { position_m: sight.anchor_m, covariance_m2: [0.0; 3], detection: seen });
         let _ = sweeps.push(Sweep {
             measurements: &scan.measurements,
             height_m: sight.height_m,

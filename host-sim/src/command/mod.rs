@@ -11,7 +11,7 @@ pub mod simulate;
 pub mod thin;
 pub mod trace;
 pub mod track;
-// pub mod verify;
+pub mod verify;
 
 use crate::Failure;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};

@@ -1,115 +1,505 @@
-//! Belief: whether it is known where the tag is, and if not, where it may be.
+//! Belief: where the tag is, as a mixture of joint Gaussians with weights.
+//!
+//! All components are predicted, compared with the scans and updated alike. A turn, a wide Gaussian and early ranges add
+//! components; those that have become one are merged, and the lightest give way. The heaviest leads.
 
-use super::acquisition::{Acquisition, Sweep};
-use super::loss::LossMonitor;
-use super::motion::{Agent, MotionStep, PX, PY, VX, VY};
-use super::plan::FloorPlan;
-use super::real::{Real, smaller, square};
-use super::zeros;
-use cogmint_core::Config;
-use cogmint_core::perceptor::belief::acquisition::AcquisitionSettings;
-use cogmint_core::perceptor::belief::loss::BeliefSettings;
+use super::clock::probability;
+use super::motion::{Agent, PX, PY, VX, VY};
+use super::proposal::{self, Proposal};
+use super::real::{Real, exp, larger, ln, sqrt, square, tau};
+use super::state_filter::StateFilter;
+use super::{Square, zeros};
+use cogmint_core::perceptor::belief::component::{
+    BLOCKED_NAT, LEAST_DETERMINANT, LEAST_SPREAD, LEAST_THROUGH, ONE_PLACE, ONE_VELOCITY, OPEN_NAT, OUTSIDE,
+    SHORTEST_WAY_M,
+};
+use cogmint_core::perceptor::belief::reduction::{JOINED_NAT, LEAST_SHARE, PROTECTED};
+use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LIGHTEST_NAT, ONE_PLACE_M};
+use cogmint_core::perceptor::belief::{
+    BeliefSettings, CHILDREN_NAT, DOUBT_BELOW, ESTABLISHED_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN,
+    SPLIT_NAT, SURE_WITHIN_M2, TRUSTED_ABOVE, TRUSTED_WITHIN_M2,
+};
+use std::fmt;
+
+/// One of the places that the tag may be at, with its own map.
+#[derive(Clone, Debug)]
+pub struct Component<T> {
+    /// Tag, biases and surfaces.
+    pub filter: StateFilter<T>,
+    /// ln of its weight.
+    pub weight_nat: T,
+    /// Cycles heard since it was proposed; the largest number where it is established.
+    age: u16,
+    /// Where its way began, metres.
+    from_m: [T; 2],
+    /// ln of the factor of that way and of the outline in its weight.
+    hindrance_nat: T,
+}
+
+/// The leading place.
+#[derive(Clone, Debug)]
+pub struct Summary<T> {
+    /// Its mean, metres.
+    pub position_m: [T; 2],
+    /// Probability that the tag is there.
+    pub probability: T,
+    /// Covariance over all places, square metres.
+    pub covariance_m2: Square<T>,
+}
 
 /// The belief.
 #[derive(Clone, Debug)]
 pub struct Belief<T> {
-    position_std_limit_m: T,
-    acquiring: AcquisitionSettings,
     settings: BeliefSettings,
+    capacity: usize,
     /// Variance of a velocity of which nothing is known, per axis.
     speed_m2_s2: T,
-    anchors: usize,
-    /// Places the tag may be at, while it is not known where it is.
-    pub acquisition: Option<Acquisition<T>>,
-    /// Whether it is where it is believed to be.
-    pub loss: LossMonitor<T>,
+    /// The components.
+    pub components: Vec<Component<T>>,
+    /// Which of them is the heaviest.
+    pub leader: usize,
+    /// The state when the tag was last known.
+    pub trusted: StateFilter<T>,
+    /// What is believed.
+    pub summary: Summary<T>,
+    explained: T,
+    heard: u32,
 }
 
 impl<T: Real> Belief<T> {
-    /// The tag is somewhere around the prior.
-    pub fn new(config: &Config, prior: Agent<T>, anchors: usize) -> Self {
-        let speed_m2_s2 = square(T::of(config.start.velocity_std_m_s));
-        let (acquiring, settings) = (config.acquisition, config.belief);
-        let acquisition = Some(Acquisition::new(prior, speed_m2_s2, anchors, acquiring));
-        let position_std_limit_m = T::of(config.motion.position_std_limit_m);
-        let loss = LossMonitor::new();
-        Self { position_std_limit_m, acquiring, settings, speed_m2_s2, anchors, acquisition, loss }
+    /// A single component, of at most `capacity`.
+    pub fn new(
+        filter: StateFilter<T>,
+        velocity_std_m_s: f32,
+        settings: BeliefSettings,
+        capacity: usize,
+    ) -> Self {
+        let agent = filter.agent();
+        let summary = Summary {
+            position_m: filter.position_m(),
+            probability: T::ONE,
+            covariance_m2: position_block(&agent),
+        };
+        let first = Component {
+            from_m: filter.position_m(),
+            filter: filter.clone(),
+            weight_nat: T::ZERO,
+            age: u16::MAX,
+            hindrance_nat: T::ZERO,
+        };
+        Self {
+            settings,
+            capacity,
+            speed_m2_s2: square(T::of(velocity_std_m_s)),
+            components: vec![first],
+            leader: 0,
+            trusted: filter,
+            summary,
+            explained: T::ONE,
+            heard: 0,
+        }
+    }
+
+    /// The state of the heaviest component.
+    pub fn leading(&self) -> &StateFilter<T> {
+        &self.components[self.leader].filter
     }
 
     /// Whether it is not known where the tag is.
-    pub fn is_acquiring(&self) -> bool {
-        self.acquisition.is_some()
+    pub fn is_searching(&self) -> bool {
+        self.summary.probability < T::of(KNOWN)
     }
 
-    /// The map must not be judged from where the tag is believed to be.
-    pub fn is_doubtful(&self) -> bool {
-        self.loss.is_doubtful(&self.settings)
+    /// Whether memories and map may be judged.
+    pub fn is_sure(&self) -> bool {
+        self.summary.probability > T::of(self.settings.sure_probability)
+            && self.summary.variance_m2() < T::of(SURE_WITHIN_M2)
     }
 
-    /// A step of `dt` seconds later.
-    pub fn predict(&mut self, step: &MotionStep<T>, dt: T) {
-        if let Some(acquisition) = &mut self.acquisition {
-            acquisition.predict(step, self.position_std_limit_m, dt);
+    /// Whether places are proposed in this cycle.
+    pub fn proposes(&self) -> bool {
+        self.summary.probability < T::of(DOUBT_BELOW)
+            || self.summary.variance_m2() > T::of(SURE_WITHIN_M2)
+            || self.explained < T::of(EXPLAINED_BELOW)
+            || self.heard % proposal::EVERY == 0
+    }
+
+    /// Where its arcs begin.
+    pub fn phase(&self) -> T {
+        proposal::phase(self.heard)
+    }
+
+    /// `dt` seconds later; `unheard_s` is the time since anything was heard, where something is.
+    pub fn predict(&mut self, dt: T, unheard_s: Option<T>) {
+        for component in &mut self.components {
+            component.filter.predict(dt);
+        }
+        let Some(unheard_s) = unheard_s else { return };
+        self.heard = self.heard.wrapping_add(1);
+        for component in &mut self.components {
+            component.age = component.age.saturating_add(1);
+        }
+        let turned = probability(self.settings.turns_per_s, unheard_s);
+        if turned > T::ZERO {
+            let room = self.room();
+            for parent in self.parents(CHILDREN_NAT) {
+                if self.components.len() + 2 > room {
+                    break;
+                }
+                let mut child = self.components[parent].clone();
+                child.filter.turn(self.speed_m2_s2, unheard_s);
+                child.weight_nat += ln(turned);
+                self.components[parent].weight_nat += ln(T::ONE - turned);
+                self.components.push(child);
+            }
+        }
+        let room = self.room();
+        for parent in self.parents(SPLIT_NAT) {
+            if self.components.len() + 2 > room {
+                break;
+            }
+            self.split(parent);
         }
     }
 
-    /// Something is heard. After a gap the tag is between where it was last heard and where its velocity would have brought it.
-    pub fn bridge(&mut self, last: &Agent<T>, predicted: &Agent<T>) {
-        let c = &predicted.covariance;
-        if self.acquisition.is_none() && LossMonitor::is_too_wide(c[PX][PX], c[PY][PY]) {
-            let reach = self.position_std_limit_m;
-            let position_m2 = [PX, PY].map(|p| {
-                let way = predicted.mean[p] - last.mean[p];
-                smaller(c[p][p] + square(way), square(reach))
-            });
-            let velocity_m2_s2 = [VX, VY].map(|v| self.speed_m2_s2 + square(last.mean[v]));
-            self.lose([last.mean[PX], last.mean[PY]], position_m2, velocity_m2_s2);
-        }
+    /// The components within so many nats of the best, the heaviest first.
+    fn parents(&self, within_nat: f32) -> Vec<usize> {
+        let least = self.best_nat() - T::of(within_nat);
+        let mut order = self.order();
+        order.retain(|&index| self.components[index].weight_nat > least);
+        order
     }
 
-    /// From now on the tag may be anywhere around a position; variances of position and velocity per axis.
-    fn lose(&mut self, position_m: [T; 2], position_m2: [T; 2], velocity_m2_s2: [T; 2]) {
-        let mut prior = Agent { mean: vec![T::ZERO; 4], covariance: zeros(4, 4) };
+    /// How many components there may be without taking the place of newcomers.
+    fn room(&self) -> usize {
+        let newcomers = self.components.iter().filter(|component| component.age < PROTECTED).count();
+        self.capacity - (self.capacity / 4).saturating_sub(newcomers)
+    }
+
+    /// A wide component becomes three along its longest axis.
+    fn split(&mut self, index: usize) {
+        let num = T::of;
+        let component = &self.components[index];
+        let c = &component.filter.agent_covariance();
+        let half = num(0.5) * (c[PX][PX] + c[PY][PY]);
+        let apart = num(0.5) * (c[PX][PX] - c[PY][PY]);
+        let major = half + sqrt(square(apart) + square(c[PY][PX]));
+        if major <= square(num(self.settings.split_above_m)) {
+            return;
+        }
+        // An eigenvector, from the row that is not nearly zero.
+        let [x, y] =
+            if apart > T::ZERO { [major - c[PY][PY], c[PY][PX]] } else { [c[PY][PX], major - c[PX][PX]] };
+        let norm = sqrt(square(x) + square(y));
+        let axis = if norm > T::ZERO { [x / norm, y / norm] } else { [T::ONE, T::ZERO] };
+        for deviations in [-1.0, 1.0] {
+            let mut side = self.components[index].clone();
+            side.filter.narrow(axis, num(deviations), num(0.5));
+            side.weight_nat += ln(num(0.25));
+            self.components.push(side);
+        }
+        let middle = &mut self.components[index];
+        middle.filter.narrow(axis, T::ZERO, num(0.5));
+        middle.weight_nat += ln(num(0.5));
+    }
+
+    /// Takes a proposed place in, if there is room.
+    pub fn enter(&mut self, proposal: &Proposal<T>, reach_m: T, unheard_s: T) {
+        let Proposal { position_m, radial: [ux, uy], variance_m2: [along, across], .. } = *proposal;
+        let mut agent = Agent { mean: vec![T::ZERO; 4], covariance: zeros(4, 4) };
+        let c = &mut agent.covariance;
+        c[PX][PX] = along * square(ux) + across * square(uy);
+        c[PY][PY] = along * square(uy) + across * square(ux);
+        c[PY][PX] = (along - across) * (ux * uy);
+        c[PX][PY] = c[PY][PX];
         for (axis, (p, v)) in [(PX, VX), (PY, VY)].into_iter().enumerate() {
-            prior.mean[p] = position_m[axis];
-            prior.covariance[p][p] = position_m2[axis];
-            prior.covariance[v][v] = velocity_m2_s2[axis];
+            agent.mean[p] = position_m[axis];
+            c[v][v] = self.speed_m2_s2;
         }
-        self.loss = LossMonitor::new();
-        self.acquisition = Some(Acquisition::new(prior, self.speed_m2_s2, self.anchors, self.acquiring));
-    }
-
-    /// Weighs the places the tag may be at; where it is taken to be, if anything was heard. Once there is only one place, it is
-    /// there.
-    pub fn locate(&mut self, sweeps: &[Sweep<T>], plan: &FloorPlan<T>) -> Option<Agent<T>> {
-        let acquisition = self.acquisition.as_mut()?;
-        if !acquisition.observe(sweeps, plan) {
-            return None;
-        }
-        match acquisition.settled() {
-            Some(agent) => {
-                self.acquisition = None;
-                Some(agent)
-            }
-            None => Some(acquisition.summary()),
+        let mut filter = self.trusted.clone();
+        filter.place(&agent);
+        // The share of the plane.
+        let share = tau::<T>() * sqrt(along * across) / square(reach_m);
+        let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
+        let weight_nat = self.total_nat() + ln(larger(elsewhere * share, T::of(f32::MIN_POSITIVE)));
+        if self.components.len() < self.capacity {
+            let (from_m, hindrance_nat) = (filter.position_m(), T::ZERO);
+            self.components.push(Component { filter, weight_nat, age: 0, from_m, hindrance_nat });
         }
     }
 
-    /// Enters a cycle's evidence that the tag is where it is believed to be; true where it must be elsewhere.
-    pub fn watch(&mut self, evidence_nat: T, believed: &Agent<T>) -> bool {
-        if self.is_acquiring() {
-            return false;
+    /// Enters how many strong paths there were, and how many of them are explained.
+    pub fn explain(&mut self, strong: T, explained: T) {
+        if strong > T::ZERO {
+            self.explained += T::of(EXPLAINED_GAIN) * (explained / strong - self.explained);
         }
-        self.loss.observe(evidence_nat);
-        let lost = self.loss.is_lost(&self.settings);
-        if lost {
-            let reach = self.position_std_limit_m;
-            let position_m = [believed.mean[PX], believed.mean[PY]];
-            self.lose(position_m, [square(reach); 2], [self.speed_m2_s2; 2]);
-            if let Some(acquisition) = &mut self.acquisition {
-                acquisition.suggest(believed.clone());
+    }
+
+    /// Merges and drops components, and finds the leader.
+    pub fn reduce(&mut self) {
+        let best = self.best_nat();
+        let mut kept: Vec<usize> = Vec::new();
+        let (mut established, mut newcomers) = (0, 0);
+        for index in self.order() {
+            let own = &self.components[index];
+            let agent = own.filter.agent();
+            let is_new = own.age < PROTECTED;
+            let behind = best - own.weight_nat;
+            let is_number = behind.to_f64() >= 0.0;
+            if !is_number || (!is_new && behind > T::of(self.settings.dropped_nat)) {
+                continue;
+            }
+            let components = &self.components;
+            let same = |&other: &usize| is_one(&components[other].filter.agent(), &agent);
+            if let Some(other) = kept.iter().copied().find(same) {
+                self.merge(other, index);
+                continue;
+            }
+            let half = |count: usize| count.div_ceil(2).max(1);
+            let fits =
+                if is_new { newcomers < half(self.capacity / 2) } else { established < half(self.capacity) };
+            if fits {
+                kept.push(index);
+                newcomers += usize::from(is_new);
+                established += usize::from(!is_new);
+            } else if !is_new && behind <= T::of(JOINED_NAT) {
+                let mut nearest: Option<(usize, T)> = None;
+                for &other in kept.iter().filter(|&&other| self.components[other].age >= PROTECTED) {
+                    let distance = apart(&self.components[other].filter.agent(), &agent);
+                    if nearest.is_none_or(|(_, least)| distance < least) {
+                        nearest = Some((other, distance));
+                    }
+                }
+                if let Some((other, _)) = nearest {
+                    self.merge(other, index);
+                }
             }
         }
-        lost
+        kept.sort_unstable();
+        self.components = kept.into_iter().map(|index| self.components[index].clone()).collect();
+        self.leader = self.order()[0];
     }
+
+    /// Component `from` becomes part of `into`.
+    fn merge(&mut self, into: usize, from: usize) {
+        let other = self.components[from].clone();
+        let own = &mut self.components[into];
+        let most = larger(own.weight_nat, other.weight_nat);
+        let [a, b] = [own.weight_nat, other.weight_nat].map(|weight| exp(weight - most));
+        let share = b / (a + b);
+        if share > T::of(LEAST_SHARE) {
+            own.filter.merge(&other.filter, share);
+        }
+        own.weight_nat = most + ln(a + b);
+        own.age = own.age.max(other.age);
+    }
+
+    /// Ends a cycle. `through` and `inside` as in the core.
+    pub fn conclude(
+        &mut self,
+        through: impl Fn([T; 2], [T; 2], T) -> T,
+        inside: impl Fn([T; 2], T) -> T,
+        is_heard: bool,
+    ) {
+        for component in &mut self.components {
+            component.hinder(&through, &inside);
+        }
+        self.reduce();
+        let total = self.total_nat();
+        let established = self.best_nat() - T::of(ESTABLISHED_NAT);
+        for component in &mut self.components {
+            if component.weight_nat > established {
+                component.age = u16::MAX;
+            }
+            component.weight_nat -= total;
+        }
+        self.summarise();
+        let is_known = self.summary.probability > T::of(TRUSTED_ABOVE);
+        if is_heard && is_known && self.summary.variance_m2() < T::of(TRUSTED_WITHIN_M2) {
+            self.trusted = self.leading().clone();
+        }
+    }
+
+    /// Position, probability and covariance.
+    fn summarise(&mut self) {
+        let num = T::of;
+        let weights: Vec<T> = self.components.iter().map(|component| exp(component.weight_nat)).collect();
+        let agents: Vec<Agent<T>> =
+            self.components.iter().map(|component| component.filter.agent()).collect();
+        let mut mean = [T::ZERO; 2];
+        for (weight, agent) in weights.iter().zip(&agents) {
+            for axis in [PX, PY] {
+                mean[axis] += *weight * agent.mean[axis];
+            }
+        }
+        let mut covariance_m2 = [[T::ZERO; 2]; 2];
+        for (weight, agent) in weights.iter().zip(&agents) {
+            let d = [agent.mean[PX] - mean[0], agent.mean[PY] - mean[1]];
+            for (row, column) in [(0, 0), (1, 0), (1, 1)] {
+                covariance_m2[row][column] += *weight * (agent.covariance[row][column] + d[column] * d[row]);
+            }
+        }
+        covariance_m2[0][1] = covariance_m2[1][0];
+        let mut summary = Summary { position_m: mean, probability: T::ZERO, covariance_m2 };
+        for (component, agent) in self.components.iter().zip(&agents) {
+            if component.weight_nat <= num(LIGHTEST_NAT) {
+                continue;
+            }
+            let c = &agent.covariance;
+            let near_m2 = square(num(ONE_PLACE_M)) + num(DEVIATIONS) * (c[PX][PX] + c[PY][PY]);
+            let mut weight = T::ZERO;
+            let mut sum = [T::ZERO; 2];
+            for (own, other) in weights.iter().zip(&agents) {
+                let d = [PX, PY].map(|p| other.mean[p] - agent.mean[p]);
+                if square(d[0]) + square(d[1]) < near_m2 {
+                    weight += *own;
+                    for axis in [PX, PY] {
+                        sum[axis] += *own * other.mean[axis];
+                    }
+                }
+            }
+            if weight > summary.probability {
+                summary.probability = weight;
+                summary.position_m = sum.map(|sum| sum / weight);
+            }
+        }
+        self.summary = summary;
+    }
+
+    /// The others have the leader's map, where it has changed.
+    pub fn follow(&mut self) {
+        let leader = self.leading().clone();
+        for component in &mut self.components {
+            component.filter.follow_map(&leader);
+        }
+        self.trusted.follow_map(&leader);
+    }
+
+    /// A private surface, found relative to the leader's tag, in all states.
+    pub fn discover(&mut self, slot: usize, position_m: [T; 2], gain: Square<T>, own: Square<T>) {
+        let led = self.leading().position_m();
+        for filter in self.states() {
+            let d = [0, 1].map(|axis| filter.position_m()[axis] - led[axis]);
+            let moved = [0, 1].map(|row| position_m[row] + (gain[row][0] * d[0] + gain[row][1] * d[1]));
+            filter.insert_relative(slot, moved, gain, own);
+        }
+    }
+
+    /// Takes a surface out of all states.
+    pub fn remove(&mut self, slot: usize) {
+        self.states().for_each(|filter| filter.remove(slot));
+    }
+
+    /// All states: of the components, and the trusted one.
+    fn states(&mut self) -> impl Iterator<Item = &mut StateFilter<T>> {
+        self.components
+            .iter_mut()
+            .map(|component| &mut component.filter)
+            .chain(std::iter::once(&mut self.trusted))
+    }
+
+    /// Indices by weight, the heaviest first. Stable: the first of equals.
+    fn order(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.components.len()).collect();
+        let weight = |index: usize| self.components[index].weight_nat;
+        order.sort_by(|&a, &b| weight(b).partial_cmp(&weight(a)).unwrap_or(std::cmp::Ordering::Equal));
+        order
+    }
+
+    fn best_nat(&self) -> T {
+        let weights = self.components.iter().map(|component| component.weight_nat);
+        weights.fold(T::of(f32::NEG_INFINITY), larger)
+    }
+
+    fn total_nat(&self) -> T {
+        let best = self.best_nat();
+        let mut sum = T::ZERO;
+        for component in &self.components {
+            sum += exp(component.weight_nat - best);
+        }
+        best + ln(sum)
+    }
+
+    /// Every number of the state with its name, in the order of the core's `visit`.
+    pub fn visit(&self, f: &mut dyn FnMut(fmt::Arguments<'_>, T)) {
+        f(format_args!("number of components"), T::of_count(self.components.len()));
+        f(format_args!("leading component"), T::of_count(self.leader));
+        for (index, component) in self.components.iter().enumerate() {
+            component.filter.visit(&mut |name, value| f(format_args!("component {index}: {name}"), value));
+            f(format_args!("weight of component {index}"), component.weight_nat);
+            f(format_args!("age of component {index}"), T::of_count(usize::from(component.age)));
+            for axis in 0..2 {
+                f(format_args!("beginning of the way of component {index}"), component.from_m[axis]);
+            }
+            f(format_args!("hindrance of component {index}"), component.hindrance_nat);
+        }
+        self.trusted.visit(&mut |name, value| f(format_args!("trusted state: {name}"), value));
+        for axis in 0..2 {
+            f(format_args!("position believed"), self.summary.position_m[axis]);
+        }
+        f(format_args!("probability of the position"), self.summary.probability);
+        for value in self.summary.covariance_m2.iter().flatten() {
+            f(format_args!("covariance believed"), *value);
+        }
+        f(format_args!("share of strong paths explained"), self.explained);
+        f(format_args!("cycles heard"), T::of_count(self.heard as usize));
+    }
+}
+
+impl<T: Real> Component<T> {
+    /// The way since it was last decided and the place enter the weight, in place of those before.
+    fn hinder(&mut self, through: impl Fn([T; 2], [T; 2], T) -> T, inside: impl Fn([T; 2], T) -> T) {
+        let num = T::of;
+        let agent = self.filter.agent();
+        let position_m = self.filter.position_m();
+        let c = &agent.covariance;
+        let std_m = sqrt(larger(num(0.5) * (c[PX][PX] + c[PY][PY]), T::ZERO));
+        let way_nat = ln(larger(through(self.from_m, position_m, std_m), num(LEAST_THROUGH)));
+        let place_nat = ln(larger(inside(position_m, std_m), num(OUTSIDE)));
+        self.weight_nat += (way_nat + place_nat) - self.hindrance_nat;
+        self.hindrance_nat = way_nat + place_nat;
+        let way = [0, 1].map(|axis| position_m[axis] - self.from_m[axis]);
+        let is_long = square(way[0]) + square(way[1]) > square(num(SHORTEST_WAY_M));
+        let is_open = way_nat > num(OPEN_NAT);
+        let is_blocked = way_nat < num(BLOCKED_NAT);
+        if is_long && (is_open || is_blocked) {
+            self.from_m = position_m;
+            self.hindrance_nat = place_nat;
+        }
+    }
+}
+
+impl<T: Real> Summary<T> {
+    /// Sum of the position's variances, square metres.
+    pub fn variance_m2(&self) -> T {
+        self.covariance_m2[0][0] + self.covariance_m2[1][1]
+    }
+}
+
+/// The covariance of the position.
+fn position_block<T: Real>(agent: &Agent<T>) -> Square<T> {
+    let c = &agent.covariance;
+    [[c[PX][PX], c[PY][PX]], [c[PY][PX], c[PY][PY]]]
+}
+
+/// Squared distance of two tags, in deviations of the difference.
+pub fn apart<T: Real>(a: &Agent<T>, b: &Agent<T>) -> T {
+    squared_deviations(a, b, [PX, PY], LEAST_SPREAD[0])
+}
+
+/// Whether two tags are at one place and move alike.
+fn is_one<T: Real>(a: &Agent<T>, b: &Agent<T>) -> bool {
+    apart(a, b) <= T::of(ONE_PLACE)
+        && squared_deviations(a, b, [VX, VY], LEAST_SPREAD[1]) <= T::of(ONE_VELOCITY)
+}
+
+/// d' C^-1 d of two states, `least` being added to both variances.
+fn squared_deviations<T: Real>(a: &Agent<T>, b: &Agent<T>, [i, j]: [usize; 2], least: f32) -> T {
+    let d = [i, j].map(|state| a.mean[state] - b.mean[state]);
+    let sum = |row: usize, column: usize| a.covariance[row][column] + b.covariance[row][column];
+    let (xx, yx, yy) = (sum(i, i) + T::of(least), sum(j, i), sum(j, j) + T::of(least));
+    let determinant = larger(xx * yy - square(yx), T::of(LEAST_DETERMINANT));
+    // Order: the products of d first.
+    let cross = T::of(2.0) * (yx * (d[0] * d[1]));
+    (yy * square(d[0]) - cross + xx * square(d[1])) / determinant
 }

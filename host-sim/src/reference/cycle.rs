@@ -2,7 +2,8 @@
 //! and returns a value.
 
 use super::association::outcome::{Outcome, associate_scan, normalised_innovation};
-use super::belief::Belief;
+use super::availability::availability;
+use super::belief::{Belief, apart};
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::controller::{Library, reward};
@@ -11,19 +12,20 @@ use super::discovery::Discovery;
 use super::environment::EnvironmentMemory;
 use super::information::position_entropy_nat;
 use super::joining;
-use super::known::{Expected, Known, Place, Told, discovery_view, outlook, walls_now};
-use super::loss::evidence_nat;
-use super::manoeuvre::{is_doubtful, is_manoeuvre};
+use super::known::{Known, Place, Told, leader_view, outlook, sweep, walls_now};
 use super::map::{Changes, Map as Revision};
-use super::motion::{Agent, MotionStep, PX, PY, ProcessNoise};
+use super::motion::{Agent, MotionStep};
 use super::plan::FloorPlan;
-use super::real::{Real, smaller, square};
+use super::proposal::propose;
+use super::real::Real;
 use super::receiver::{AnchorEstimate, Receiver, Scan};
 use super::remember::{Memories, look_through};
 use super::start::Start;
 use super::state_filter::{Prior, StateFilter};
 use super::transmission::TransmissionMemory;
 use cogmint_core::model::observation::{Observation, TagHeight};
+use cogmint_core::perceptor::belief::component::LEAPT;
+use cogmint_core::perceptor::belief::proposal::WEAK;
 use cogmint_core::radio::library::Action;
 use cogmint_core::real::SPEED_OF_LIGHT_M_S;
 use cogmint_core::{Anchor, Config, Map};
@@ -43,6 +45,8 @@ pub struct Capacity {
     pub paths: usize,
     /// Actions.
     pub actions: usize,
+    /// Components of the belief.
+    pub components: usize,
 }
 
 /// What a cycle did; see the core's report.
@@ -52,6 +56,7 @@ pub struct Report<T> {
     pub cycle: u32,
     pub position_m: [T; 2],
     pub position_covariance_m2: [[T; 2]; 2],
+    pub probability: T,
     pub predicted_entropy_nat: T,
     pub entropy_nat: T,
     pub reward: T,
@@ -59,7 +64,7 @@ pub struct Report<T> {
     pub measurements: u32,
     pub left_out: u32,
     pub associated: u32,
-    pub acquiring: bool,
+    pub searching: bool,
     pub lost: bool,
     pub nis: T,
     pub discovered: u32,
@@ -94,10 +99,8 @@ pub struct Reference<T> {
     pub cycle: u32,
     /// The receivers.
     pub receiver: Receiver<T>,
-    /// Whether it is known where the tag is.
+    /// Where the tag may be: tag, biases and surfaces, in components.
     pub belief: Belief<T>,
-    /// Tag, biases and surfaces.
-    pub filter: StateFilter<T>,
     /// Which surfaces exist, and what is seen in them.
     pub environment: EnvironmentMemory<T>,
     /// What walls let through.
@@ -157,8 +160,7 @@ impl<T: Real> Reference<T> {
         Self {
             last_heard,
             receiver: Receiver::new(&config, [capacity.anchors, capacity.paths], &first),
-            belief: Belief::new(&config, filter.agent(), capacity.anchors),
-            filter,
+            belief: Belief::new(filter, config.start.velocity_std_m_s, config.belief, capacity.components),
             environment,
             transmission: TransmissionMemory::new(plan.walls.len()),
             joining: joining::Constants::default(),
@@ -182,119 +184,119 @@ impl<T: Real> Reference<T> {
         tag_height: Option<TagHeight>,
     ) -> Intermediates<T> {
         let elapsed_s = T::of(elapsed_s);
-        let Self { config, anchors, plan, library, receiver, belief, filter, environment, .. } = self;
+        let Self { config, anchors, plan, library, receiver, belief, environment, .. } = self;
         let Self { transmission, discovery, clutter, channel, controllers, last_heard, joining, .. } = self;
         let told = Told { config, anchors, library, tag_height };
 
         // Receive and estimate.
-        let links = controllers.links(belief.is_acquiring());
+        let links = controllers.links(belief.is_searching());
         let (estimates, scans) =
             receiver.receive(observations, elapsed_s, &links, channel.losses_ln(), library);
 
         // Predict.
-        let last = filter.agent();
-        let step = MotionStep::new(&config.motion, elapsed_s);
-        filter.predict(elapsed_s);
-        let predicted = filter.agent();
-        belief.predict(&step, elapsed_s);
+        let last = belief.leading().agent();
         let unheard_s = receiver.unheard_s(&scans);
-        if !scans.is_empty() {
+        let is_heard = !scans.is_empty();
+        belief.predict(elapsed_s, is_heard.then_some(unheard_s));
+        let predicted = belief.leading().agent();
+        if is_heard {
             discovery.predict(last_heard, &predicted, &MotionStep::new(&config.motion, unheard_s));
-            belief.bridge(last_heard, &predicted);
         }
         environment.predict(config.association.map_change_per_s, elapsed_s);
         channel.predict(elapsed_s);
 
         // The walls as they stand, for the whole cycle.
-        let walls = walls_now(plan, filter, environment, transmission);
+        let walls = walls_now(plan, belief.leading(), environment, |wall| transmission.through(wall));
         let (plan, walls) = (&*plan, &walls);
 
-        // Locate, where it is not known where the tag is.
-        if let Some(acquisition) = &belief.acquisition {
-            // Candidates are relative to a tag that is about to jump.
-            discovery.clear();
-            let known = Known { filter, environment, channel, clutter, plan, walls };
-            let sweep = |scan: &Scan<T>| known.sweep(&told, scan, acquisition);
+        // Propose.
+        if is_heard && belief.proposes() {
+            let sweep = |scan: &Scan<T>| sweep(&told, &belief.trusted, environment, channel, clutter, scan);
             let sweeps: Vec<_> = scans.iter().map(sweep).collect();
-            if let Some(agent) = belief.locate(&sweeps, plan) {
-                filter.place(&agent);
+            let reach_m = T::of(config.ranging.max_range_m);
+            for proposal in propose(&sweeps, |place_m, std_m| plan.inside(place_m, std_m), belief.phase()) {
+                belief.enter(&proposal, reach_m, unheard_s);
             }
         }
 
-        // Expect: the prediction is widened where a manoeuvre explains the scans better by far.
-        let all = |filter: &StateFilter<T>| -> Vec<_> {
-            let known = Known { filter, environment, channel, clutter, plan, walls };
-            scans.iter().map(|scan| known.expect(&told, scan)).collect()
-        };
-        let mut expected = all(filter);
-        if !belief.is_acquiring() && are_direct_paths_missing(&scans, &expected) {
-            let before = filter.agent_covariance();
-            let velocity = square(T::of(config.start.velocity_std_m_s));
-            filter.disturb(&ProcessNoise::of_turn(velocity, unheard_s));
-            let widened = all(filter);
-            let [motion, manoeuvre] =
-                [&expected, &widened].map(|expected| total_evidence_nat(&scans, expected, clutter));
-            if is_manoeuvre(motion, manoeuvre, config.belief.turns_per_s, unheard_s) {
-                expected = widened;
-            } else {
-                filter.set_agent_covariance(&before);
-            }
-        }
-
-        // Associate: all scans, before the first update.
-        let mut outcomes = Vec::new();
-        let mut evidence_nat = T::ZERO;
-        for (scan, expected) in scans.into_iter().zip(expected) {
-            let (viewpoint, background) =
-                discovery_view(&told, filter, clutter, scan.anchor, &expected[0].regression);
+        // Expect, associate and update: scan by scan, all components alike.
+        let mut outcomes: Vec<Outcome<T>> = Vec::new();
+        let (mut strong, mut explained) = (T::ZERO, T::ZERO);
+        for scan in scans {
+            let (viewpoint, background) = leader_view(&told, belief.leading(), clutter, scan.anchor);
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
             let clutter = clutter.clutter(scan.anchor);
-            let outcome = associate_scan(scan, expected, claims, &clutter, config.association.mode);
-            evidence_nat += outcome.evidence_nat;
+            let mut best: Option<(T, Outcome<T>)> = None;
+            for component in &mut belief.components {
+                let known = Known { filter: &component.filter, environment, channel, plan, walls };
+                let expected = known.expect(&told, &scan);
+                let mode = config.association.mode;
+                let outcome = associate_scan(scan.clone(), expected, claims.clone(), &clutter, mode);
+                component.weight_nat += outcome.beliefs.evidence_nat;
+                component.filter.update(&outcome.innovations());
+                // Order: the first of equals.
+                if best.as_ref().is_none_or(|(most, _)| component.weight_nat > *most) {
+                    best = Some((component.weight_nat, outcome));
+                }
+            }
+            belief.reduce();
+            let Some((_, outcome)) = best else { continue };
+            for (z, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
+                if z.false_alarm < T::of(WEAK) {
+                    strong += T::ONE;
+                    explained += T::ONE - *free;
+                }
+            }
             outcomes.push(outcome);
         }
-        let lost = belief.watch(evidence_nat, &filter.agent());
-        let acquiring = belief.is_acquiring();
 
-        // Update.
-        if !acquiring {
-            let before = filter.agent();
-            let innovations: Vec<_> = outcomes.iter().flat_map(Outcome::innovations).collect();
-            filter.update(&innovations);
-            discovery.follow(&before, &filter.agent());
+        // Conclude: nobody walks through walls, or is outside.
+        let was_searching = belief.is_searching();
+        belief.explain(strong, explained);
+        let barrier = walls_now(plan, belief.leading(), environment, |_| T::ZERO);
+        belief.conclude(
+            |from_m, to_m, std_m| availability(&barrier, from_m, &[], to_m, std_m),
+            |place_m, std_m| plan.inside(place_m, std_m),
+            is_heard,
+        );
+        let posterior = belief.leading().agent();
+        if apart(&predicted, &posterior) < T::of(LEAPT) {
+            discovery.follow(&predicted, &posterior);
+        } else {
+            discovery.clear();
         }
+        let (searching, is_sure) = (belief.is_searching(), belief.is_sure());
 
         // Remember, and discover.
         let mut memories = Memories { environment, channel, clutter };
-        memories.remember(&told, belief, receiver, controllers, &outcomes);
+        memories.remember(&told, (searching, is_sure), receiver, controllers, &outcomes);
         let mut changes = Changes::default();
-        if !acquiring && !belief.is_doubtful() {
-            look_through(transmission, &told, walls, &Place::of(&filter.agent()), &outcomes);
-            let mut map = Revision { filter, environment, channel, discovery, joining };
+        if is_sure {
+            look_through(transmission, &told, walls, &Place::of(&posterior), &outcomes);
+            let mut map = Revision { belief, environment, channel, discovery, joining };
             changes = map.revise(&told, clutter, &outcomes);
         }
 
         // Reward, learn, plan, act.
-        let posterior = filter.agent();
+        let posterior = belief.leading().agent();
         let [before, after] = [&predicted.covariance, &posterior.covariance];
         let earned = reward(config.controller.reward, &last.covariance, before, after);
         let outlook = outlook(config, &posterior, receiver.threshold, elapsed_s);
-        let visible = Known { filter, environment, channel, clutter, plan, walls }
+        let visible = Known { filter: belief.leading(), environment, channel, plan, walls }
             .visible(&told, &Place::of(&posterior));
         let heard: Vec<_> = outcomes.iter().map(|outcome| &outcome.scan).collect();
         let cycle = self.cycle;
         let decision =
-            controllers.decide(cycle, earned, acquiring, &heard, &outlook, &visible, channel, library);
+            controllers.decide(cycle, earned, searching, &heard, &outlook, &visible, channel, library);
 
         // While the tag is looked for, nothing is associated with certainty.
-        let certain: &[Outcome<T>] = if acquiring { &[] } else { &outcomes };
+        let certain: &[Outcome<T>] = if searching { &[] } else { &outcomes };
         let free: Vec<T> = certain.iter().flat_map(|outcome| outcome.beliefs.unassociated.clone()).collect();
-        // Order: the lower triangle's covariance, twice.
-        let cross = after[PY][PX];
         let report = Report {
             cycle,
-            position_m: [posterior.mean[PX], posterior.mean[PY]],
-            position_covariance_m2: [[after[PX][PX], cross], [cross, after[PY][PY]]],
+            position_m: belief.summary.position_m,
+            position_covariance_m2: belief.summary.covariance_m2,
+            probability: belief.summary.probability,
             predicted_entropy_nat: position_entropy_nat(before),
             entropy_nat: position_entropy_nat(after),
             reward: earned,
@@ -302,8 +304,8 @@ impl<T: Real> Reference<T> {
             measurements: free.len() as u32,
             left_out: heard.iter().map(|scan| scan.left_out).sum(),
             associated: free.iter().filter(|free| **free <= T::of(0.5)).count() as u32,
-            acquiring,
-            lost,
+            searching,
+            lost: searching && !was_searching,
             nis: normalised_innovation(certain),
             discovered: changes.discovered,
             forgotten: changes.forgotten,
@@ -319,31 +321,4 @@ impl<T: Real> Reference<T> {
         self.cycle = cycle.wrapping_add(1);
         Intermediates { estimates, heard: outcomes, report }
     }
-}
-
-/// Whether to think of a manoeuvre.
-fn are_direct_paths_missing<T: Real>(scans: &[Scan<T>], expected: &[Vec<Expected<T>>]) -> bool {
-    let mut direct = Vec::new();
-    for (scan, expected) in scans.iter().zip(expected) {
-        let path = &expected[0].feature;
-        let nis = scan.measurements.iter().map(|measurement| {
-            square(measurement.range_m - path.range_m) / (path.variance_m2 + measurement.variance_m2)
-        });
-        direct.push((path.detection, nis.reduce(smaller)));
-    }
-    is_doubtful(&direct)
-}
-
-/// Evidence of all scans that the tag is where they were expected from.
-fn total_evidence_nat<T: Real>(
-    scans: &[Scan<T>],
-    expected: &[Vec<Expected<T>>],
-    clutter: &ClutterMemory<T>,
-) -> T {
-    let mut evidence = T::ZERO;
-    for (scan, expected) in scans.iter().zip(expected) {
-        let features: Vec<_> = expected.iter().map(|expected| expected.feature).collect();
-        evidence += evidence_nat(&scan.measurements, &features, &clutter.clutter(scan.anchor));
-    }
-    evidence
 }

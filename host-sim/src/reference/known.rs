@@ -1,6 +1,5 @@
 //! What the stages of a cycle are told, and what is known of tag, map and channels when a scan comes in.
 
-use super::acquisition::{Acquisition, Landmark, Sweep};
 use super::association::{Expectation, detection_probability};
 use super::availability::{WallNow, availability, either_order};
 use super::channel_memory::ChannelMemory;
@@ -11,11 +10,11 @@ use super::environment::{CONFIRMED, EnvironmentMemory};
 use super::motion::{Agent, MotionStep, PX, PY, VX, VY};
 use super::overlap::{Arrival, overlap};
 use super::plan::FloorPlan;
+use super::proposal::{Landmark, Sweep};
 use super::range::{Regression, Sight};
 use super::real::{Real, larger, limited, smaller, sqrt};
 use super::receiver::Scan;
 use super::state_filter::StateFilter;
-use super::transmission::TransmissionMemory;
 use cogmint_core::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION};
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::observation::TagHeight;
@@ -111,12 +110,13 @@ impl<T: Real> Place<T> {
     }
 }
 
-/// The walls of the plan as they are believed to stand now. One that does not exist lets everything through.
+/// The walls of the plan as they are believed to stand now. One that does not exist lets everything through, one that does this
+/// share.
 pub fn walls_now<T: Real>(
     plan: &FloorPlan<T>,
     filter: &StateFilter<T>,
     environment: &EnvironmentMemory<T>,
-    transmission: &TransmissionMemory<T>,
+    through: impl Fn(usize) -> T,
 ) -> Vec<WallNow<T>> {
     let mut walls = Vec::new();
     for (index, wall) in plan.walls.iter().enumerate() {
@@ -132,7 +132,7 @@ pub fn walls_now<T: Real>(
                 existence = record.existence;
             }
         }
-        let through = T::ONE - existence * (T::ONE - transmission.through(index));
+        let through = T::ONE - existence * (T::ONE - through(index));
         walls.push(WallNow::new(now, std_m, through));
     }
     walls
@@ -147,8 +147,6 @@ pub struct Known<'a, T> {
     pub environment: &'a EnvironmentMemory<T>,
     /// How well sources are heard.
     pub channel: &'a ChannelMemory<T>,
-    /// What nothing explains.
-    pub clutter: &'a ClutterMemory<T>,
     /// The plan.
     pub plan: &'a FloorPlan<T>,
     /// Its walls as they stood when the cycle began.
@@ -210,42 +208,6 @@ impl<T: Real> Known<'_, T> {
             }
             Some(walls) => (available(walls), Some(sequence)),
             None => (T::ONE, Some(sequence)),
-        }
-    }
-
-    /// A scan with all that its measurements may be, for a tag that may be anywhere.
-    pub fn sweep(&self, told: &Told<'_, T>, scan: &Scan<T>, acquisition: &Acquisition<T>) -> Sweep<T> {
-        let anchor = scan.anchor;
-        let sight = told.sight(anchor);
-        let mut landmarks = Vec::new();
-        for source in self.environment.sources_of(anchor) {
-            let (position_m, covariance_m2) = match self.environment.sequence(source) {
-                None => (sight.anchor_m, [[T::ZERO; 2]; 2]),
-                Some(sequence) => self.filter.placed(sight.anchor_m, &sequence),
-            };
-            let anywhere = Prospect::anywhere(source);
-            let detection = detection(told, scan, self.environment, self.channel, &anywhere).probability;
-            landmarks.push(Landmark {
-                position_m,
-                covariance_m2,
-                height_m: sight.height_m,
-                detection: self.environment.existence(source) * detection,
-            });
-        }
-        let clutter = self.clutter.clutter(anchor);
-        let all_per_m = clutter.all_per_m;
-        let usual = T::of(told.config.association.detection_probability);
-        let unmapped = (T::ONE - clutter.false_alarms_per_m / all_per_m) * usual;
-        Sweep {
-            anchor,
-            measurements: scan.measurements.clone(),
-            direct: landmarks.remove(0),
-            reflections: landmarks,
-            bias_m: self.filter.bias_m(anchor),
-            bias_variance_m2: self.filter.bias_variance_m2(anchor),
-            all_per_m: acquisition.backgrounds(anchor, &scan.measurements, all_per_m, unmapped),
-            false_alarms_per_m: clutter.false_alarms_per_m,
-            anywhere_per_m: T::ONE / T::of(told.config.ranging.max_range_m),
         }
     }
 
@@ -337,6 +299,48 @@ pub fn discovery_view<T: Real>(
         detection_probability: T::of(told.config.association.detection_probability),
     };
     (viewpoint, background)
+}
+
+/// The same from the leader's state.
+pub fn leader_view<T: Real>(
+    told: &Told<'_, T>,
+    leader: &StateFilter<T>,
+    clutter: &ClutterMemory<T>,
+    anchor: usize,
+) -> (Viewpoint<T>, Background<T>) {
+    let direct = leader.regress(Source::Direct { anchor }, &told.sight(anchor), None);
+    discovery_view(told, leader, clutter, anchor, &direct)
+}
+
+/// A scan with what places expect of it, by the trusted state.
+pub fn sweep<T: Real>(
+    told: &Told<'_, T>,
+    trusted: &StateFilter<T>,
+    environment: &EnvironmentMemory<T>,
+    channel: &ChannelMemory<T>,
+    clutter: &ClutterMemory<T>,
+    scan: &Scan<T>,
+) -> Sweep<T> {
+    let anchor = scan.anchor;
+    let sight = told.sight(anchor);
+    let mut landmarks = Vec::new();
+    for source in environment.sources_of(anchor) {
+        let (position_m, c) = match environment.sequence(source) {
+            None => (sight.anchor_m, [[T::ZERO; 2]; 2]),
+            Some(sequence) => trusted.placed(sight.anchor_m, &sequence),
+        };
+        let found = detection(told, scan, environment, channel, &Prospect::anywhere(source)).probability;
+        let detection = environment.existence(source) * found;
+        landmarks.push(Landmark { position_m, covariance_m2: [c[0][0], c[1][0], c[1][1]], detection });
+    }
+    Sweep {
+        measurements: scan.measurements.clone(),
+        height_m: sight.height_m[0],
+        bias_m: trusted.bias_m(anchor),
+        bias_m2: trusted.bias_variance_m2(anchor),
+        clutter: clutter.clutter(anchor),
+        landmarks,
+    }
 }
 
 /// Where planning starts from.

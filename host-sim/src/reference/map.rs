@@ -1,6 +1,7 @@
 //! The life of the map: improbable surfaces are forgotten, doubled images merged, resolved candidates taken in, images joined.
 
 use super::association::outcome::Outcome;
+use super::belief::Belief;
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::discovery::{Discovered, Discovery};
@@ -9,7 +10,6 @@ use super::joining::{self, Joining};
 use super::known::{Prospect, Told, detection, discovery_view};
 use super::real::{Real, square};
 use super::receiver::Scan;
-use super::state_filter::StateFilter;
 use cogmint_core::memory::environment::{CONFIRMED, NEAR_M, Origin, TOLD};
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::source::Source;
@@ -30,7 +30,7 @@ pub struct Changes {
 /// The states that hold the map.
 pub struct Map<'a, T> {
     /// Where surfaces are.
-    pub filter: &'a mut StateFilter<T>,
+    pub belief: &'a mut Belief<T>,
     /// That they are, and what is seen in them.
     pub environment: &'a mut EnvironmentMemory<T>,
     /// How well sources are heard.
@@ -51,7 +51,7 @@ impl<T: Real> Map<'_, T> {
     ) -> Changes {
         let mut changes = Changes::default();
         let records = self.environment.sources.clone();
-        let filter = &*self.filter;
+        let filter = self.belief.leading();
         let removed = self.environment.revise(|slot| match records[slot] {
             Some(record) => filter.placed(told.sight(record.anchor).anchor_m, &record.sequence),
             None => unreachable!("only sources in use are asked for"),
@@ -65,7 +65,7 @@ impl<T: Real> Map<'_, T> {
         }
         for Outcome { scan, expected, claims, beliefs, .. } in outcomes {
             let (viewpoint, background) =
-                discovery_view(told, self.filter, clutter, scan.anchor, &expected[0].regression);
+                discovery_view(told, self.belief.leading(), clutter, scan.anchor, &expected[0].regression);
             let known_m: Vec<T> = expected.iter().map(|expected| expected.regression.range_m).collect();
             self.discovery.observe(
                 scan.anchor,
@@ -85,14 +85,16 @@ impl<T: Real> Map<'_, T> {
         if outcomes.is_empty() {
             return changes;
         }
+        let leader = self.belief.leader;
         let mut joining = Joining {
-            filter: &mut *self.filter,
+            filter: &mut self.belief.components[leader].filter,
             environment: &mut *self.environment,
             anchors: told.anchors,
             max_range_m: told.config.ranging.max_range_m,
             constants: self.joining,
         };
         if let Some(joined) = joining.join() {
+            self.belief.follow();
             changes.joined += 1;
             if let Some(removed) = joined.removed {
                 self.take_out(&removed);
@@ -103,7 +105,7 @@ impl<T: Real> Map<'_, T> {
 
     fn take_out(&mut self, removed: &Removed) {
         for surface in removed.surfaces.into_iter().flatten() {
-            self.filter.remove(surface);
+            self.belief.remove(surface);
         }
         self.channel.forget(removed.slot);
     }
@@ -131,7 +133,7 @@ impl<T: Real> Map<'_, T> {
             changes.map_full += 1;
             return;
         };
-        self.filter.insert_relative(surface, found.position_m, found.gain, found.covariance_m2);
+        self.belief.discover(surface, found.position_m, found.gain, found.covariance_m2);
         self.environment.insert_surface(surface, T::of(TOLD), Origin::Discovered);
         self.environment.insert(slot, scan.anchor, Sequence::of(surface as u8), 1);
         changes.discovered += 1;
@@ -152,7 +154,9 @@ impl<T: Real> Map<'_, T> {
         let anchor_m = told.sight(anchor).anchor_m;
         let mut near = Vec::new();
         for (slot, record) in self.environment.in_use() {
-            if record.anchor == anchor && is_near(self.filter.placed(anchor_m, &record.sequence).0, found) {
+            if record.anchor == anchor
+                && is_near(self.belief.leading().placed(anchor_m, &record.sequence).0, found)
+            {
                 near.push(slot);
             }
         }

@@ -9,7 +9,7 @@
 //! | [`real`] | the number type: `f32` or `f64` |
 //! | [`range`], [`motion`], [`clock`], [`soft_update`] | what every estimate of the tag, and every memory, uses |
 //! | [`pulse`], [`channel_estimator`], [`gain_control`], [`receiver`] | frames to paths, paths to scans |
-//! | [`belief`], [`acquisition`], [`loss`], [`manoeuvre`] | whether it is known where the tag is, and where it may be |
+//! | [`belief`], [`proposal`] | where the tag may be, in components |
 //! | [`plan`], [`surface`], [`image`], [`listing`], [`start`] | what is told before the start |
 //! | [`known`], [`availability`], [`overlap`] | what a scan is expected to show |
 //! | [`association`] | paths to features |
@@ -29,7 +29,6 @@
 // The point of this module is to read like the equations: sums over indices.
 #![allow(clippy::needless_range_loop)]
 
-pub mod acquisition;
 pub mod association;
 pub mod availability;
 pub mod belief;
@@ -48,12 +47,11 @@ pub mod information;
 pub mod joining;
 pub mod known;
 pub mod listing;
-pub mod loss;
-pub mod manoeuvre;
 pub mod map;
 pub mod motion;
 pub mod overlap;
 pub mod plan;
+pub mod proposal;
 pub mod pulse;
 pub mod range;
 pub mod real;

@@ -3,7 +3,6 @@
 use super::association::Belief;
 use super::association::outcome::Outcome;
 use super::availability::{WallNow, crossing};
-use super::belief::Belief as TagBelief;
 use super::channel_memory::{ChannelMemory, Received, jump};
 use super::clutter::ClutterMemory;
 use super::controllers::Controllers;
@@ -29,19 +28,19 @@ impl<T: Real> Memories<'_, T> {
     pub fn remember(
         &mut self,
         told: &Told<'_, T>,
-        belief: &TagBelief<T>,
+        (is_searching, is_sure): (bool, bool),
         receiver: &mut Receiver<T>,
         controllers: &Controllers<T>,
         outcomes: &[Outcome<T>],
     ) {
-        if !belief.is_acquiring() {
+        if !is_searching {
             self.unmask(told, receiver, controllers, outcomes);
         }
         for outcome in outcomes {
             let scan = &outcome.scan;
             let received = received(self.channel, told, outcome);
             // From a doubtful place, what is missing may well be there.
-            if belief.is_acquiring() || belief.is_doubtful() {
+            if !is_sure {
                 // What waits for the tag is not compared.
                 if receiver.gain_control[scan.anchor].waiting_with().is_none() {
                     self.remember_noise(outcome, &received);
@@ -49,7 +48,7 @@ impl<T: Real> Memories<'_, T> {
             } else {
                 self.remember_sources(outcome, &received);
             }
-            if !belief.is_acquiring() {
+            if !is_searching {
                 self.clutter.remember(scan.anchor, outcome.unexplained(), scan.elapsed_s);
             }
         }

@@ -435,17 +435,61 @@ impl<T: Real> StateFilter<T> {
         self.limit();
     }
 
-    /// After a prediction: further noise over the same step.
-    pub fn disturb(&mut self, noise: &ProcessNoise<T>) {
+    /// The velocity was drawn anew with this variance per axis, at any time in the last `dt` seconds.
+    pub fn turn(&mut self, velocity_m2_s2: T, dt: T) {
+        for v in [VX, VY] {
+            self.mean[v] = T::ZERO;
+            for i in 0..self.mean.len() {
+                self.set_symmetric(v, i, T::ZERO);
+            }
+        }
         let mut covariance = self.agent_covariance();
-        noise.add_to(&mut covariance);
-        self.set_agent_covariance(&covariance);
-    }
-
-    /// Changes the covariance of position and velocity.
-    pub fn set_agent_covariance(&mut self, covariance: &Matrix<T>) {
+        ProcessNoise::of_turn(velocity_m2_s2, dt).add_to(&mut covariance);
         for i in 0..AGENT {
             self.covariance[i][..AGENT].copy_from_slice(&covariance[i]);
+        }
+    }
+
+    /// Moved by so many deviations along a direction of the position, with a `share` of the variance there left.
+    pub fn narrow(&mut self, direction: [T; 2], deviations: T, share: T) {
+        let [ex, ey] = direction;
+        let along = |i: usize| ex * self.covariance[PX][i] + ey * self.covariance[PY][i];
+        let w: Vec<T> = (0..self.mean.len()).map(along).collect();
+        let variance = ex * w[PX] + ey * w[PY];
+        if variance <= T::ZERO {
+            return;
+        }
+        let mean = deviations / sqrt(variance);
+        self.step(&w, &SoftUpdate { mean, covariance: (share - T::ONE) / variance });
+    }
+
+    /// One Gaussian of the mean and covariance of a mixture: of this one and another, whose weight is `share`.
+    pub fn merge(&mut self, other: &Self, share: T) {
+        let apart: Vec<T> = (0..self.mean.len()).map(|i| other.mean[i] - self.mean[i]).collect();
+        let rest = T::ONE - share;
+        for i in 0..self.mean.len() {
+            for j in 0..self.mean.len() {
+                self.covariance[i][j] = rest * self.covariance[i][j] + share * other.covariance[i][j];
+            }
+        }
+        self.step(&apart, &SoftUpdate { mean: share, covariance: share * rest });
+    }
+
+    /// Has the surfaces of another state: those that are new or other as independent of everything.
+    pub fn follow_map(&mut self, other: &Self) {
+        for slot in 0..self.surfaces.len() {
+            if self.surfaces[slot] == other.surfaces[slot] {
+                continue;
+            }
+            self.remove(slot);
+            if let Some((surface, numbers, own)) = other.surface(slot) {
+                self.fill(slot, surface, numbers);
+                for row in 0..2 {
+                    for column in 0..=row {
+                        self.set_symmetric(self.slot(slot) + row, self.slot(slot) + column, own[row][column]);
+                    }
+                }
+            }
         }
     }
 

@@ -3,7 +3,7 @@
 use super::real::{Real, square};
 
 /// A line by a point on it and its unit normal n; its tangent t is n turned left.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line<T> {
     /// A point on it, metres.
     pub centre_m: [T; 2],
@@ -46,7 +46,7 @@ impl<T: Real> Line<T> {
 }
 
 /// A surface; two numbers of the state belong to it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surface<T> {
     /// A wall on this line, but for its two numbers: offset (metres) and rotation.
     Wall(Line<T>),

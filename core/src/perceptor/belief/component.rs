@@ -11,17 +11,19 @@ pub const OUTSIDE: f32 = 1e-3;
 /// Tuned: against a way that nobody decided: so long is it at least, metres.
 pub const SHORTEST_WAY_M: f32 = 0.3;
 /// Mathematics: a way is open or blocked where its probability is this sure, as ln: 0.9,
-const OPEN_NAT: f32 = -0.1;
-/// and nearly the least.
-const BLOCKED_NAT: f32 = -2.5;
+pub const OPEN_NAT: f32 = -0.1;
+/// Mathematics: or nearly the least.
+pub const BLOCKED_NAT: f32 = -2.5;
 /// Tuned: components are one where their positions are nearer than this, as squared deviations of their difference,
 pub const ONE_PLACE: f32 = 0.5;
 /// Tuned: and their velocities nearer than this.
 pub const ONE_VELOCITY: f32 = 0.7;
+/// Mathematics: squared deviations beyond which a tag has not moved to another place but is elsewhere: three.
+pub const LEAPT: f32 = 9.0;
 /// Guard: against the division by them: what the variances of differences have on top, square metres and m^2/s^2.
 pub const LEAST_SPREAD: [f32; 2] = [1e-6, 1e-4];
 /// Guard: against the division by it: least determinant of a covariance.
-const LEAST_DETERMINANT: f32 = 1e-12;
+pub const LEAST_DETERMINANT: f32 = 1e-12;
 
 /// What stands in the way of a component: walls that its tag would have walked through, an outline that it is outside of.
 #[derive(Clone, Copy, Debug, PartialEq)]

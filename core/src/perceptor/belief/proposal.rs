@@ -24,20 +24,22 @@ pub const PROPOSED: usize = 4;
 pub const EVERY: u32 = 5;
 /// Tuned: ranges that false alarms are so probable of are not tried: their density over that of all.
 pub const STRONG: f32 = 0.6;
+/// Tuned: below this such density a path is strong, and one that nothing explains raises doubt.
+pub const WEAK: f32 = 0.3;
 /// Tuned: standard deviation of a proposed place along the radius, metres.
 pub const ALONG_M: f32 = 0.3;
 /// Mathematics: standard deviation of an arc along the circle over its length: of a uniform distribution.
-const ACROSS: f32 = 0.288_675_13;
+pub const ACROSS: f32 = 0.288_675_13;
 /// Tuned: least standard deviation along the circle, metres.
 pub const LEAST_ACROSS_M: f32 = 0.05;
 /// Mathematics: the golden ratio: arcs of one cycle after the other are spread evenly.
-const GOLDEN: f32 = 0.618_034;
+pub const GOLDEN: f32 = 0.618_034;
 /// Guard: against work on what explains nothing: squared deviations.
-const GATE2: f32 = 12.0;
+pub const GATE2: f32 = 12.0;
 /// Guard: against ln 0.
-const LEAST_INSIDE: f32 = 1e-3;
+pub const LEAST_INSIDE: f32 = 1e-3;
 /// Guard: against work: a feature below this share of the evidence takes no part of any measurement.
-const LEAST_EVIDENCE: f32 = 0.1;
+pub const LEAST_EVIDENCE: f32 = 0.1;
 
 /// A place that the tag may be at.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,8 +170,7 @@ fn weigh<const PATHS: usize>(
         // The direct path is the first.
         let (background, direct_m) = &*background.get_or_insert_with(|| {
             let direct = Expectation { range_m, variance_m2, existence: 1.0, detection };
-            let background =
-                Background::new(sweep.measurements, &direct, &sweep.clutter, &[1.0; PATHS]);
+            let background = Background::new(sweep.measurements, &direct, &sweep.clutter, &[1.0; PATHS]);
             evidence_nat += background.evidence_nat(sweep.measurements.len());
             (background, range_m)
         });

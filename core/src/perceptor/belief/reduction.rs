@@ -10,7 +10,7 @@ pub const PROTECTED: u16 = 5;
 /// Tuned: a component that finds no room but is so near to the best, nats, joins the nearest, so that the spread stays honest.
 pub const JOINED_NAT: f32 = 7.0;
 /// Guard: against work on what changes nothing: share below which a merged component's state is not mixed in.
-const LEAST_SHARE: f32 = 1e-4;
+pub const LEAST_SHARE: f32 = 1e-4;
 
 /// What becomes of a component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,8 +81,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         if let Some((other, _)) = others().find(|(_, other)| is_one(&other.filter.agent(), &agent)) {
             return Fate::Merged(other);
         }
-        let fits =
-            if is_new { newcomers < larger_half(COMPONENTS / 2) } else { established < larger_half(COMPONENTS) };
+        let fits = if is_new {
+            newcomers < larger_half(COMPONENTS / 2)
+        } else {
+            established < larger_half(COMPONENTS)
+        };
         if fits {
             return Fate::Kept;
         }

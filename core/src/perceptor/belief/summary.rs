@@ -8,9 +8,9 @@ use nalgebra::Matrix2;
 /// Tuned: components nearer to one than this are one place with it, metres,
 pub const ONE_PLACE_M: f32 = 0.3;
 /// Mathematics: or nearer than so many of its deviations, squared, per axis.
-const DEVIATIONS: f32 = 2.0;
+pub const DEVIATIONS: f32 = 2.0;
 /// Guard: against work on what does not count: components lighter than this lead no place, nats.
-const LIGHTEST_NAT: f32 = -4.0;
+pub const LIGHTEST_NAT: f32 = -4.0;
 
 /// The leading place.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,14 @@
 //! Association of one anchor's measurements with its features.
 //!
 //! Feature k (the direct path, then the virtual anchors) has a factor for "no measurement" and one for each
-//! measurement m, with existence r_k, detection probability Pd, and lambda the intensity of everything unknown:
+//! measurement m, with existence r_k, detection probability Pd, and lambda_m the intensity of everything unknown there:
 //!
-//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / (lambda c_m),
+//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / lambda_m.
 //!
-//! c_m, the claim on m, being by how much the candidates of the discovery make it more probable than lambda alone.
+//! Of lambda, a share is false alarms; the rest comes after the direct path only. c_m, the claim on m, is by how much the
+//! candidates of the discovery make it more probable than lambda alone:
+//!
+//! lambda_m = lambda_fa f_m + (lambda - lambda_fa) p(z_m > direct path) + lambda (c_m - 1).
 //!
 //! Features that want the same measurements form a cluster, solved exactly in [`exact`] or, where it is too large, by
 //! messages that go back and forth until they stand still:
@@ -13,7 +16,8 @@
 //! mu_km = psi_km / (psi_k0 + sum over m' != m of psi_km' nu_m'k),
 //! nu_mk = 1 / (1 + sum over k' != k of mu_k'm).
 //!
-//! Beliefs: p(b_k = m) ~ psi_km nu_mk, p(b_k = 0) ~ psi_k0.
+//! Beliefs: p(b_k = m) ~ psi_km nu_mk, p(b_k = 0) ~ psi_k0. The sum over all joint associations is the evidence of the scan; by
+//! messages it is Bethe's approximation.
 //!
 //! Order: a sum that leaves one term out is (the terms before it, summed upwards from the first) + (the terms after
 //! it, summed downwards from the last), each starting from its constant (psi_k0 or 1 before, 0 after).
@@ -22,9 +26,10 @@ pub mod exact;
 pub mod outcome;
 
 use super::Matrix;
-use super::real::{Real, abs, exp, larger, limited, sqrt, square, tau};
+use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square, tau};
 use cogmint_core::model::detection::{LEAST_FALSE_ALARM, LOGISTIC};
 pub use cogmint_core::perceptor::association::Joint;
+use cogmint_core::perceptor::association::background::LARGEST_EXPONENT;
 use cogmint_core::perceptor::association::belief_propagation::{ITERATIONS, TOLERANCE};
 use cogmint_core::perceptor::association::factors::{GATE, LEAST_ABSENT};
 
@@ -87,6 +92,8 @@ pub struct Beliefs<T> {
     pub unassociated: Vec<T>,
     /// Rounds of messages; 0 where none were needed.
     pub iterations: usize,
+    /// ln of the sum over all joint associations, over that in which everything is clutter of the usual density.
+    pub evidence_nat: T,
 }
 
 /// Probability that a path is detected: that its `sinr` passes `threshold`, both on normalised energy.
@@ -124,17 +131,19 @@ pub fn associate<T: Real>(
     let (rows, columns) = (features.len(), measurements.len());
 
     // The factors.
+    let per_m = background_per_m(&features[0], measurements, claims, clutter);
+    let mut evidence_nat = T::ZERO;
+    for per_m in &per_m {
+        evidence_nat += ln(*per_m / clutter.all_per_m);
+    }
     let mut absent = Vec::new();
     let mut psi: Matrix<T> = Vec::new();
     for feature in features {
         let missing = feature.existence * (T::ONE - feature.detection) + (T::ONE - feature.existence);
         absent.push(larger(missing, T::of(LEAST_ABSENT)));
-        let pairs = measurements.iter().zip(claims);
-        psi.push(
-            pairs.map(|(measurement, claim)| likelihood(feature, measurement, *claim, clutter)).collect(),
-        );
+        let pairs = measurements.iter().zip(&per_m);
+        psi.push(pairs.map(|(measurement, per_m)| likelihood(feature, measurement, *per_m)).collect());
     }
-    discount_later_arrivals(&mut psi[0], measurements, clutter);
     // Nothing is reflected ahead of the direct path.
     for row in &mut psi[1..] {
         for (factor, z) in row.iter_mut().zip(measurements) {
@@ -154,7 +163,8 @@ pub fn associate<T: Real>(
         });
         let rows = cluster.iter().map(|&k| psi[k].clone()).collect();
         match exact::solve(cluster.iter().map(|&k| absent[k]).collect(), rows) {
-            Some(solutions) => {
+            Some((solutions, own_nat)) => {
+                evidence_nat += own_nat;
                 for (&k, solution) in cluster.iter().zip(solutions) {
                     exact[k] = Some(solution);
                 }
@@ -207,6 +217,29 @@ pub fn associate<T: Real>(
         }
     }
 
+    // Bethe's evidence: by feature, then by measurement.
+    if !loopy.is_empty() {
+        let mut loopy_nat = T::ZERO;
+        for &k in &loopy {
+            let mut own = absent[k];
+            for m in (0..columns).filter(|&m| psi[k][m] > T::ZERO) {
+                own += psi[k][m] * nu[k][m];
+                loopy_nat -= ln(T::ONE + mu[k][m] * nu[k][m]);
+            }
+            loopy_nat += ln(own);
+        }
+        for m in 0..columns {
+            let mut sum = T::ONE;
+            for &k in loopy.iter().filter(|&&k| psi[k][m] > T::ZERO) {
+                sum += mu[k][m];
+            }
+            if sum > T::ONE {
+                loopy_nat += ln(sum);
+            }
+        }
+        evidence_nat += loopy_nat;
+    }
+
     // The beliefs.
     let mut beliefs = Vec::new();
     for (k, exact) in exact.into_iter().enumerate() {
@@ -247,7 +280,7 @@ pub fn associate<T: Real>(
         }
         unassociated.push(larger(free, T::ZERO) / (T::ONE + sum));
     }
-    Beliefs { features: beliefs, unassociated, iterations }
+    Beliefs { features: beliefs, unassociated, iterations, evidence_nat }
 }
 
 /// The features of each cluster: those joined by measurements that two of them can take.
@@ -265,40 +298,43 @@ fn clusters<T: Real>(psi: &Matrix<T>) -> Vec<Vec<usize>> {
     for cluster in &mut clusters {
         cluster.sort_unstable();
     }
+    // Order: by their first features.
+    clusters.sort_unstable();
     clusters
 }
 
 /// psi_km; zero outside the gate.
-fn likelihood<T: Real>(
-    feature: &Expectation<T>,
-    measurement: &Measurement<T>,
-    claim: T,
-    clutter: &Clutter<T>,
-) -> T {
+fn likelihood<T: Real>(feature: &Expectation<T>, measurement: &Measurement<T>, per_m: T) -> T {
     let innovation = measurement.range_m - feature.range_m;
     let variance = feature.variance_m2 + measurement.variance_m2;
     let nis = square(innovation) / variance;
     if nis < T::of(GATE) * T::of(GATE) {
-        // Order: ((r Pd / lambda) exp) / (sqrt c).
-        let scale = feature.existence * feature.detection / clutter.all_per_m;
-        scale * exp(T::of(-0.5) * nis) / (sqrt(tau::<T>() * variance) * claim)
+        // Order: ((r Pd) exp) / (sqrt lambda).
+        let detected = feature.existence * feature.detection;
+        detected * exp(T::of(-0.5) * nis) / (sqrt(tau::<T>() * variance) * per_m)
     } else {
         T::ZERO
     }
 }
 
-/// First-arrival rule: nothing unmapped is shorter than the direct path, so each measurement more than two deviations
-/// shorter than m must be a false alarm if m is the direct path.
-fn discount_later_arrivals<T: Real>(psi: &mut [T], measurements: &[Measurement<T>], clutter: &Clutter<T>) {
-    let cost = clutter.false_alarms_per_m / clutter.all_per_m;
-    for m in 0..measurements.len() {
-        let clearly_shorter = measurements[m].range_m - T::of(2.0) * sqrt(measurements[m].variance_m2);
-        for other in measurements {
-            if other.range_m < clearly_shorter {
-                psi[m] *= cost * other.false_alarm;
-            }
-        }
+/// lambda_m, per metre, where the direct path is expected so.
+pub fn background_per_m<T: Real>(
+    direct: &Expectation<T>,
+    measurements: &[Measurement<T>],
+    claims: &[T],
+    clutter: &Clutter<T>,
+) -> Vec<T> {
+    let Clutter { false_alarms_per_m, all_per_m } = *clutter;
+    let most = T::of(LARGEST_EXPONENT);
+    let mut background = Vec::new();
+    for (z, claim) in measurements.iter().zip(claims) {
+        let deviation = sqrt(direct.variance_m2 + z.variance_m2);
+        let ahead = T::of(LOGISTIC) * ((direct.range_m - z.range_m) / deviation);
+        let later = T::ONE / (T::ONE + exp(limited(ahead, -most, most)));
+        let of_scan = false_alarms_per_m * z.false_alarm + (all_per_m - false_alarms_per_m) * later;
+        background.push(of_scan + all_per_m * (*claim - T::ONE));
     }
+    background
 }
 
 impl<T: Real> Beliefs<T> {

@@ -4,7 +4,6 @@ use super::{Beliefs, associate};
 use crate::reference::association::Clutter;
 use crate::reference::discovery::Claims;
 use crate::reference::known::Expected;
-use crate::reference::loss::evidence_nat;
 use crate::reference::real::Real;
 use crate::reference::receiver::Scan;
 use crate::reference::soft_update::Moments;
@@ -25,8 +24,6 @@ pub struct Outcome<T> {
     pub claims: Claims<T>,
     /// Per feature, the beliefs.
     pub beliefs: Beliefs<T>,
-    /// Evidence that the tag is where it is believed to be, nats.
-    pub evidence_nat: T,
 }
 
 /// Associates a scan with what was expected in it.
@@ -42,8 +39,7 @@ pub fn associate_scan<T: Real>(
     if mode == Mode::Map {
         beliefs.harden();
     }
-    let evidence_nat = evidence_nat(&scan.measurements, &features, clutter);
-    Outcome { scan, expected, claims, beliefs, evidence_nat }
+    Outcome { scan, expected, claims, beliefs }
 }
 
 impl<T: Real> Outcome<T> {

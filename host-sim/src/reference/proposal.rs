@@ -1,0 +1,164 @@
+//! Newcomers: early ranges put the tag on circles around their anchors; the arcs that all scans like best are proposed.
+
+use super::association::{Clutter, Expectation, Measurement, background_per_m};
+use super::real::{Real, cos, exp, larger, ln, sin, sqrt, square, tau};
+pub use cogmint_core::perceptor::belief::proposal::EVERY;
+use cogmint_core::perceptor::belief::proposal::{
+    ACROSS, ALONG_M, ARCS, EARLIEST, GATE2, GOLDEN, LEAST_ACROSS_M, LEAST_EVIDENCE, LEAST_INSIDE, PROPOSED,
+    STRONG,
+};
+
+/// A place that the tag may be at.
+#[derive(Clone, Copy, Debug)]
+pub struct Proposal<T> {
+    /// Metres.
+    pub position_m: [T; 2],
+    /// Direction from the anchor.
+    pub radial: [T; 2],
+    /// Variances along it and across, square metres.
+    pub variance_m2: [T; 2],
+    /// Nats.
+    pub evidence_nat: T,
+}
+
+/// What a place expects: the direct path or an image.
+#[derive(Clone, Copy, Debug)]
+pub struct Landmark<T> {
+    /// Metres.
+    pub position_m: [T; 2],
+    /// Its covariance (xx, yx, yy), square metres.
+    pub covariance_m2: [T; 3],
+    /// Probability that it is there and found.
+    pub detection: T,
+}
+
+/// A scan with what a place expects of it.
+#[derive(Clone, Debug)]
+pub struct Sweep<T> {
+    /// What was measured.
+    pub measurements: Vec<Measurement<T>>,
+    /// Height of the anchor above the tag, metres.
+    pub height_m: T,
+    /// Bias of its ranges, metres.
+    pub bias_m: T,
+    /// Its variance, square metres.
+    pub bias_m2: T,
+    /// What belongs to nothing.
+    pub clutter: Clutter<T>,
+    /// The direct path, then the images by slot.
+    pub landmarks: Vec<Landmark<T>>,
+}
+
+/// Where the arcs of a cycle begin, as a share of an arc.
+pub fn phase<T: Real>(cycle: u32) -> T {
+    let turns = T::of_count((cycle % 1024) as usize) * T::of(GOLDEN);
+    turns - T::of_count(turns.whole() as usize)
+}
+
+/// The best places.
+pub fn propose<T: Real>(sweeps: &[Sweep<T>], inside: impl Fn([T; 2], T) -> T, phase: T) -> Vec<Proposal<T>> {
+    let num = T::of;
+    let mut best: Vec<Proposal<T>> = Vec::new();
+    let arcs = T::of_count(ARCS);
+    for sweep in sweeps {
+        let mut early: Vec<T> = sweep
+            .measurements
+            .iter()
+            .filter(|z| z.range_m > T::ZERO && z.false_alarm < num(STRONG))
+            .map(|z| z.range_m)
+            .collect();
+        early.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+        early.dedup();
+        for range_m in early.into_iter().take(EARLIEST) {
+            let radius2 = square(range_m - sweep.bias_m) - square(sweep.height_m);
+            if radius2 <= T::ZERO {
+                continue;
+            }
+            let radius = sqrt(radius2);
+            for arc in 0..ARCS {
+                let angle = tau::<T>() / arcs * (T::of_count(arc) + phase);
+                let radial = [cos(angle), sin(angle)];
+                let anchor_m = sweep.landmarks[0].position_m;
+                let position_m = [0, 1].map(|axis| anchor_m[axis] + radius * radial[axis]);
+                let across_m = larger(num(ACROSS) * (tau::<T>() * radius / arcs), num(LEAST_ACROSS_M));
+                let mut evidence_nat = ln(larger(inside(position_m, across_m), num(LEAST_INSIDE)));
+                for other in sweeps {
+                    evidence_nat += other.evidence_nat(position_m, square(across_m));
+                }
+                let variance_m2 = [square(num(ALONG_M)), square(across_m)];
+                let proposal = Proposal { position_m, radial, variance_m2, evidence_nat };
+                if best.len() < PROPOSED {
+                    best.push(proposal);
+                    continue;
+                }
+                // The first of equals is the least.
+                let mut least = 0;
+                for index in 1..best.len() {
+                    if best[index].evidence_nat < best[least].evidence_nat {
+                        least = index;
+                    }
+                }
+                if best[least].evidence_nat < evidence_nat {
+                    best[least] = proposal;
+                }
+            }
+        }
+    }
+    best
+}
+
+impl<T: Real> Sweep<T> {
+    /// For a place of this variance, nats: feature by feature, each with what is left of the measurements.
+    fn evidence_nat(&self, place_m: [T; 2], place_m2: T) -> T {
+        let num = T::of;
+        let count = self.measurements.len();
+        let mut left = vec![T::ONE; count];
+        let mut evidence_nat = T::ZERO;
+        let mut background = Vec::new();
+        let mut direct_m = T::ZERO;
+        for (index, landmark) in self.landmarks.iter().enumerate() {
+            let [dx, dy] = [0, 1].map(|axis| place_m[axis] - landmark.position_m[axis]);
+            let distance2 = dx * dx + dy * dy + square(self.height_m);
+            let [xx, yx, yy] = landmark.covariance_m2;
+            let own = dx * dx * xx + num(2.0) * (dx * dy * yx) + dy * dy * yy;
+            let own_m2 = own / larger(distance2, num(1e-6));
+            let range_m = sqrt(distance2) + self.bias_m;
+            let variance_m2 = place_m2 + self.bias_m2 + own_m2;
+            if index == 0 {
+                let direct =
+                    Expectation { range_m, variance_m2, existence: T::ONE, detection: landmark.detection };
+                background =
+                    background_per_m(&direct, &self.measurements, &vec![T::ONE; count], &self.clutter);
+                let mut unexplained_nat = T::ZERO;
+                for per_m in &background {
+                    unexplained_nat += ln(*per_m / self.clutter.all_per_m);
+                }
+                evidence_nat += unexplained_nat;
+                direct_m = range_m;
+            }
+            if range_m < direct_m - num(ALONG_M) {
+                continue;
+            }
+            let mut terms = vec![T::ZERO; count];
+            let mut sum = T::ZERO;
+            for (m, z) in self.measurements.iter().enumerate() {
+                let variance = variance_m2 + z.variance_m2;
+                let squared = square(z.range_m - range_m);
+                if squared < num(GATE2) * variance {
+                    let density = exp(num(-0.5) * (squared / variance));
+                    terms[m] = landmark.detection * left[m] * density
+                        / (sqrt(tau::<T>() * variance) * background[m]);
+                    sum += terms[m];
+                }
+            }
+            let evidence = T::ONE - landmark.detection + sum;
+            evidence_nat += ln(evidence);
+            if sum > num(LEAST_EVIDENCE) * evidence {
+                for (left, term) in left.iter_mut().zip(terms) {
+                    *left *= larger(T::ONE - term / evidence, T::ZERO);
+                }
+            }
+        }
+        evidence_nat
+    }
+}
