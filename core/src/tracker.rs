@@ -176,13 +176,14 @@ impl<
             is_heard,
         );
         let posterior = belief.leader().agent();
-        if apart(&predicted, &posterior) < LEAPT {
-            discovery.follow(&predicted, &posterior);
-        } else {
+        let has_leapt = apart(&predicted, &posterior) > LEAPT;
+        if has_leapt {
             // Candidates are located relative to a tag that is elsewhere.
             discovery.clear();
+        } else {
+            discovery.follow(&predicted, &posterior);
         }
-        let (searching, is_sure) = (belief.is_searching(), belief.is_sure());
+        let (searching, is_sure) = (belief.is_searching(), belief.is_sure() && !has_leapt);
 
         observer.stage(Stage::Remember);
         let known = (searching, is_sure);

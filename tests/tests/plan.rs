@@ -283,8 +283,9 @@ fn listed<
     const SE: usize,
     const P: usize,
     const AC: usize,
+    const C: usize,
 >(
-    tracker: &Tracker<A, SU, SO, SE, P, AC>,
+    tracker: &Tracker<A, SU, SO, SE, P, AC, C>,
 ) -> Vec<Listed> {
     let wall =
         |surface: u8| tracker.plan().wall_of(usize::from(surface)).expect("every source is of the plan");

@@ -260,12 +260,13 @@ impl<T: Real> Reference<T> {
             is_heard,
         );
         let posterior = belief.leading().agent();
-        if apart(&predicted, &posterior) < T::of(LEAPT) {
-            discovery.follow(&predicted, &posterior);
-        } else {
+        let has_leapt = apart(&predicted, &posterior) > T::of(LEAPT);
+        if has_leapt {
             discovery.clear();
+        } else {
+            discovery.follow(&predicted, &posterior);
         }
-        let (searching, is_sure) = (belief.is_searching(), belief.is_sure());
+        let (searching, is_sure) = (belief.is_searching(), belief.is_sure() && !has_leapt);
 
         // Remember, and discover.
         let mut memories = Memories { environment, channel, clutter };

@@ -55,12 +55,8 @@ impl Prediction {
         );
         let carried = product(&product(&transition, &old), &transition.transpose());
         let new = position(after);
-        let noise = Matrix2::new(
-            larger(new.m11 - carried.m11, 0.0),
-            new.m21 - carried.m21,
-            new.m21 - carried.m21,
-            larger(new.m22 - carried.m22, 0.0),
-        );
+        // A component that was split is narrower than it was carried.
+        let noise = positive_part([new.m11 - carried.m11, new.m21 - carried.m21, new.m22 - carried.m22]);
         Self { transition, noise }
     }
 }
@@ -81,15 +77,15 @@ impl Correction {
     pub fn new(before: &Agent, after: &Agent) -> Self {
         let (old, new) = (precision(&position(before)), precision(&position(after)));
         let shift = Vector2::new(after.mean.x - before.mean.x, after.mean.y - before.mean.y);
-        let information = gained([new.m11 - old.m11, new.m21 - old.m21, new.m22 - old.m22]);
+        let information = positive_part([new.m11 - old.m11, new.m21 - old.m21, new.m22 - old.m22]);
         Self { information, vector: applied(&new, &shift), shift }
     }
 }
 
-/// A difference of two precisions (xx, yx, yy) without its negative eigenvalue: in a direction where rounding or a soft
-/// association took information away, none came. With only the diagonal limited, the rest of such a loss would be taken
-/// for information across it.
-fn gained([xx, yx, yy]: [f32; 3]) -> Matrix2<f32> {
+/// A difference of two precisions or covariances (xx, yx, yy) without its negative eigenvalue: in a direction where rounding or
+/// a soft association took information away, none came. With only the diagonal limited, the rest of such a loss would be
+/// taken for information across it.
+fn positive_part([xx, yx, yy]: [f32; 3]) -> Matrix2<f32> {
     let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
     let root = sqrt(half * half + yx * yx);
     let (least, most) = (mean - root, mean + root);

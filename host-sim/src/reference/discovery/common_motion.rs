@@ -26,15 +26,8 @@ pub fn precision<T: Real>(covariance: &Square<T>) -> Square<T> {
     inverse(covariance, larger(least, T::of(1e-30)))
 }
 
-/// `a - b` for covariances, a difference of which has no negative diagonal.
-fn difference<T: Real>(a: &Square<T>, b: &Square<T>) -> Square<T> {
-    // Order: the lower triangle, twice.
-    let cross = a[1][0] - b[1][0];
-    [[larger(a[0][0] - b[0][0], T::ZERO), cross], [cross, larger(a[1][1] - b[1][1], T::ZERO)]]
-}
-
-/// `new - old` for precisions, without the eigenvalues below zero: with l1 >= 0 > l2 it is l1 (M - l2 I) / (l1 - l2).
-fn gained<T: Real>(new: &Square<T>, old: &Square<T>) -> Square<T> {
+/// `new - old` for precisions or covariances, without the eigenvalues below zero: with l1 >= 0 > l2 it is l1 (M - l2 I) / (l1 - l2).
+fn positive_part<T: Real>(new: &Square<T>, old: &Square<T>) -> Square<T> {
     let half = T::of(0.5);
     let [xx, yx, yy] = [new[0][0] - old[0][0], new[1][0] - old[1][0], new[1][1] - old[1][1]];
     let mean = half * (xx + yy);
@@ -74,7 +67,7 @@ impl<T: Real> Prediction<T> {
         let transition =
             [[T::ONE + dt * gain[0][0], dt * gain[0][1]], [dt * gain[1][0], T::ONE + dt * gain[1][1]]];
         let carried = product(&product(&transition, &position), &transposed(&transition));
-        Self { transition, noise: difference(&block(after, PX), &carried) }
+        Self { transition, noise: positive_part(&block(after, PX), &carried) }
     }
 }
 
@@ -94,6 +87,6 @@ impl<T: Real> Correction<T> {
         let old = precision(&block(before, PX));
         let new = precision(&block(after, PX));
         let shift = [after.mean[PX] - before.mean[PX], after.mean[PY] - before.mean[PY]];
-        Self { information: gained(&new, &old), vector: applied(&new, shift), shift }
+        Self { information: positive_part(&new, &old), vector: applied(&new, shift), shift }
     }
 }
