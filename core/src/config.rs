@@ -96,6 +96,7 @@ impl Default for Config {
                 variance_inflation: 1.44,
                 floor_m: 2e-3,
                 floor_pulses: 0.1,
+                alike_s: 0.3,
                 bias_mean_m: 0.0,
                 bias_std_m: 0.0,
                 max_range_m: 30.0,
@@ -190,6 +191,7 @@ impl Config {
         within(ranging.variance_inflation, 1.0, 100.0, Setting::RangeVarianceInflation)?;
         within(ranging.floor_m, 1e-3, 10.0, Setting::RangeFloor)?;
         within(ranging.floor_pulses, 0.0, 1.0, Setting::RangeFloor)?;
+        within(ranging.alike_s, 0.0, 100.0, Setting::RangeFloor)?;
         within(ranging.bias_mean_m, -10.0, 10.0, Setting::BiasPrior)?;
         within(ranging.bias_std_m, 0.0, 10.0, Setting::BiasPrior)?;
         within(ranging.max_range_m, 1.0, 1e4, Setting::MaxRange)?;

@@ -235,7 +235,7 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
                     let nu = range_m - regression.range_m;
                     let variance_m2 = (deviation * deviation) as f32;
                     let moments = Moments { weight, first_m: weight * nu, second_m2: weight * nu * nu };
-                    Innovation { regression, moments, variance_m2 }
+                    Innovation { regression, moments, variance_m2, alike_m2: 0.0 }
                 };
                 to_ours.push(update(&ours, own, place));
                 to_theirs.push(update(&theirs, other, place));
@@ -312,7 +312,7 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 let second_m2 = first_m * first_m / weight + 0.01 * noise.uniform() as f32;
                 let variance_m2 = 1e-4;
                 let moments = Moments { weight, first_m, second_m2 };
-                ours.push(Innovation { regression: line, moments, variance_m2 });
+                ours.push(Innovation { regression: line, moments, variance_m2, alike_m2: 0.0 });
                 let moments = soft_update::Moments { weight, first_m, second_m2 };
                 theirs.push(twin::Innovation { regression: reference_line, moments, variance_m2 });
             }

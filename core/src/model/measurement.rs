@@ -1,6 +1,6 @@
 //! Measurements of one anchor, and what they may be if they belong to nothing known.
 
-use crate::real::sqrt;
+use crate::real::{expm1, larger, sqrt};
 
 /// What a range is worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,6 +15,10 @@ pub struct Ranging {
     /// of `floor_m`. 0 where all paths are known. Less: a map and a claim that follow every pulled range; more: a slower one.
     /// Chosen on random rooms, seeds 1 to 200.
     pub floor_pulses: f32,
+    /// How long such errors stay alike, seconds (0 to 100): the paths that make them change only as the tag walks by, so that frame
+    /// after frame tells less than frames apart. 0: every frame is off anew. Less: claims that are too small at high rates. More:
+    /// a slower map. Chosen on random rooms, seeds 1 to 100.
+    pub alike_s: f32,
     /// Mean of the range bias expected of every anchor, metres (-10 to 10).
     pub bias_mean_m: f32,
     /// Its standard deviation, metres (0 to 10). Above 0, one bias per anchor is estimated.
@@ -39,7 +43,16 @@ impl Ranging {
         let floor_m = self.floor_pulses * pulse_m;
         floor_m * floor_m
     }
+
+    /// What the filter adds to it `elapsed_s` seconds after the last frame: of errors with the correlation rho = exp(-dt / tau)
+    /// from frame to frame, a frame tells as much as one of (1 + rho) / (1 - rho) times their variance.
+    pub(crate) fn alike_m2(&self, pulse_m: f32, elapsed_s: f32) -> f32 {
+        self.unresolved_m2(pulse_m) * (2.0 / larger(expm1(elapsed_s / self.alike_s), LEAST_APART))
+    }
 }
+
+/// Guard: against the division by it: least exp(dt / tau) - 1 of two frames.
+pub const LEAST_APART: f32 = 1e-6;
 
 /// A measurement as association and filter see it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -205,6 +205,7 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             elapsed_s,
             threshold: estimator.threshold(),
             resolution_m: pulse_m,
+            alike_m2: ranging.alike_m2(pulse_m, elapsed_s),
         });
         for path in &estimate.paths {
             let range_m = path.range_m();

@@ -26,6 +26,8 @@ pub struct FrameLevel {
     pub threshold: f32,
     /// How far apart two paths must be to be told apart, metres.
     pub resolution_m: f32,
+    /// What the filter adds to the variances of paths, because their errors are in part those of the last frame, square metres.
+    pub alike_m2: f32,
 }
 
 /// What an anchor delivered, as measurements, and the action it was received with.
@@ -71,6 +73,14 @@ impl<const PATHS: usize> Scan<PATHS> {
     /// How far apart two paths must be to be told apart, metres; 0 without a frame.
     pub fn resolution_m(&self) -> f32 {
         self.frame.as_ref().map_or(0.0, |frame| frame.resolution_m)
+    }
+
+    /// What the filter adds to the variance of a measurement, square metres; 0 for a range.
+    pub fn alike_m2(&self, measurement: &Measurement) -> f32 {
+        match &self.frame {
+            Some(frame) if measurement.sinr > 0.0 => frame.alike_m2,
+            _ => 0.0,
+        }
     }
 
     /// Level of noise and dense multipath where a path of this length arrives, in the unit of the frame; `None` without one.

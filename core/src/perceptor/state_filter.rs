@@ -973,7 +973,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             first_m: first_m - weight * shift,
             second_m2: second_m2 - 2.0 * (shift * first_m) + weight * (shift * shift),
         };
-        let variance_m2 = explained + (innovation.variance_m2 + regression.residual_m2);
+        let variance_m2 = explained + (innovation.variance_m2 + regression.residual_m2 + innovation.alike_m2);
         let change = SoftUpdate::new(&moments, variance_m2, explained);
         self.step(&direction, change.mean, change.covariance);
         pending.push(change.covariance, &direction.surfaces);

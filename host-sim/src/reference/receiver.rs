@@ -5,9 +5,10 @@ use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel};
 use super::controller::Library;
 use super::gain_control::GainControl;
 use super::pulse::Pulse;
-use super::real::{Real, abs, smaller, speed_of_light, square};
+use super::real::{Real, abs, exp_m1, larger, smaller, speed_of_light, square};
 use cogmint_core::Config;
 use cogmint_core::config::{Radio, Ranging};
+use cogmint_core::model::measurement::LEAST_APART;
 use cogmint_core::model::observation::{Frame, Observation, RangeScan};
 use cogmint_core::perceptor::channel_estimator::EstimatorSettings;
 use cogmint_core::perceptor::scan::ARTEFACT_RATIO;
@@ -49,6 +50,8 @@ pub struct Level<T> {
     pub threshold: T,
     /// Length of a pulse, metres.
     pub resolution_m: T,
+    /// What paths have on top of their variances because the last frame's were off alike, square metres.
+    pub alike_m2: T,
 }
 
 impl<T: Real> Scan<T> {
@@ -253,12 +256,19 @@ impl<T: Real> Receiver<T> {
             elapsed_s,
             threshold,
             resolution_m,
+            alike_m2: self.alike_m2(resolution_m, elapsed_s),
         });
         self.threshold = threshold;
         if frame.sequence.is_some() {
             self.last_sequence[frame.anchor] = frame.sequence;
         }
         estimate
+    }
+
+    /// Errors correlated by rho from frame to frame: (1 + rho) / (1 - rho) - 1 = 2 / (exp(dt / tau) - 1) times their variance more.
+    fn alike_m2(&self, resolution_m: T, dt: T) -> T {
+        let apart = larger(exp_m1(dt / T::of(self.ranging.alike_s)), T::of(LEAST_APART));
+        square(T::of(self.ranging.floor_pulses) * resolution_m) * (T::of(2.0) / apart)
     }
 
     /// What the powers of a frame are measured in.

@@ -35,6 +35,8 @@ pub struct Innovation<T> {
     pub moments: Moments<T>,
     /// Measurement variance, square metres.
     pub variance_m2: T,
+    /// What the last error has in common with it, on top, square metres.
+    pub alike_m2: T,
 }
 
 /// The filter.
@@ -596,7 +598,7 @@ impl<T: Real> StateFilter<T> {
     }
 
     fn apply(&mut self, innovation: &Innovation<T>, prior: &[T]) {
-        let Innovation { regression, moments, variance_m2 } = innovation;
+        let Innovation { regression, moments, variance_m2, alike_m2 } = innovation;
         let active = self.active();
         let mut w = vec![T::ZERO; self.mean.len()];
         for &i in &active {
@@ -607,7 +609,7 @@ impl<T: Real> StateFilter<T> {
         let moved: Vec<T> = (0..w.len()).map(|i| self.mean[i] - prior[i]).collect();
         let moments = moments.shifted(self.form(regression, &moved));
         // Order: what the state does not explain first.
-        let variance = explained + (*variance_m2 + regression.residual_m2);
+        let variance = explained + (*variance_m2 + regression.residual_m2 + *alike_m2);
         self.step(&w, &SoftUpdate::new(&moments, variance, explained));
     }
 

@@ -29,13 +29,15 @@ pub struct Innovation {
     pub moments: Moments,
     /// Variance of the measurement, square metres.
     pub variance_m2: f32,
+    /// What its error has in common with the last one: on top of it, square metres.
+    pub alike_m2: f32,
 }
 
 impl Innovation {
     /// Of one measurement that is `innovation_m` from what is expected, and belongs to it for certain.
     pub fn hard(regression: Regression, innovation_m: f32, variance_m2: f32) -> Self {
         let moments = Moments { weight: 1.0, first_m: innovation_m, second_m2: innovation_m * innovation_m };
-        Self { regression, moments, variance_m2 }
+        Self { regression, moments, variance_m2, alike_m2: 0.0 }
     }
 }
 
@@ -47,8 +49,7 @@ impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS
 
     /// What the state is moved by: one innovation for every source with which anything is associated.
     pub fn innovations(&self) -> impl Iterator<Item = Innovation> + '_ {
-        let measurements = &self.scan.measurements;
-        self.features().filter_map(|(regression, belief)| innovation(regression, measurements, belief))
+        self.features().filter_map(|(regression, belief)| innovation(regression, self.scan, belief))
     }
 
     /// Number of measurements, and how many of them more likely than not belong to a known source.
@@ -90,22 +91,28 @@ pub fn associate_scan<'a, const SOURCES: usize, const PATHS: usize>(
 /// Sums up the measurements associated with a source; `None` where hardly any probability is.
 fn innovation<const PATHS: usize>(
     regression: &Regression,
-    measurements: &Vec<Measurement, PATHS>,
+    scan: &Scan<PATHS>,
     belief: &Belief<PATHS>,
 ) -> Option<Innovation> {
     let mut moments = Moments::default();
-    let mut variance = 0.0;
-    for (measurement, &p) in measurements.iter().zip(&belief.associated) {
+    let (mut variance, mut alike) = (0.0, 0.0);
+    for (measurement, &p) in scan.measurements.iter().zip(&belief.associated) {
         let nu = measurement.range_m - regression.range_m;
         moments.weight += p;
         moments.first_m += p * nu;
         moments.second_m2 += p * (nu * nu);
         variance += p * measurement.variance_m2;
+        alike += p * scan.alike_m2(measurement);
     }
     if moments.weight < LEAST_WEIGHT {
         return None;
     }
-    Some(Innovation { regression: *regression, moments, variance_m2: variance / moments.weight })
+    Some(Innovation {
+        regression: *regression,
+        moments,
+        variance_m2: variance / moments.weight,
+        alike_m2: alike / moments.weight,
+    })
 }
 
 /// Mean normalised innovation squared of what was associated: 1 where the filter knows how wrong it is, 0 without

@@ -48,14 +48,20 @@ impl<T: Real> Outcome<T> {
         let mut innovations = Vec::new();
         for (Expected { regression, .. }, belief) in self.expected.iter().zip(&self.beliefs.features) {
             let mut moments = Moments::none();
-            let mut variance = T::ZERO;
+            let (mut variance, mut alike) = (T::ZERO, T::ZERO);
             for (z, &p) in self.scan.measurements.iter().zip(&belief.associated) {
                 moments.add(p, z.range_m - regression.range_m);
                 variance += p * z.variance_m2;
+                if z.sinr > T::ZERO
+                    && let Some(frame) = &self.scan.frame
+                {
+                    alike += p * frame.alike_m2;
+                }
             }
             if moments.weight >= T::of(LEAST_WEIGHT) {
                 let variance_m2 = variance / moments.weight;
-                innovations.push(Innovation { regression: *regression, moments, variance_m2 });
+                let alike_m2 = alike / moments.weight;
+                innovations.push(Innovation { regression: *regression, moments, variance_m2, alike_m2 });
             }
         }
         innovations
