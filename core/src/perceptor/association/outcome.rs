@@ -2,12 +2,11 @@
 
 use super::background::Background;
 use super::{Belief, Beliefs, Mode, associate};
-use crate::model::measurement::{Clutter, Measurement};
+use crate::model::measurement::Clutter;
 use crate::model::range::Regression;
 use crate::model::soft_update::{LEAST_WEIGHT, Moments};
 use crate::perceptor::expectation::Expectations;
 use crate::perceptor::scan::Scan;
-use heapless::Vec;
 
 /// A scan, its expectations and the beliefs about them.
 #[derive(Clone, Debug)]
