@@ -11,9 +11,7 @@ mod start;
 mod state;
 mod values;
 
-use self::stages::{
-    Explained, Heard, Outcomes, hear, look_through, propose_places, remember, revise_map,
-};
+use self::stages::{Explained, Heard, Outcomes, hear, look_through, propose_places, remember, revise_map};
 use self::values::{Known, Place, Seen, Told, leader_view, planning_state, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
@@ -150,8 +148,7 @@ impl<
         let walls = &walls_now(plan, belief.leader(), environment, |wall| transmission.through(wall));
         if is_heard && belief.proposes() {
             let (trusted, phase) = (belief.trusted(), belief.phase());
-            let places =
-                propose_places(trusted, &told, environment, channel, clutter, plan, scans, phase);
+            let places = propose_places(trusted, &told, environment, channel, clutter, plan, scans, phase);
             for place in &places {
                 belief.enter(place, config.ranging.max_range_m, unheard_s);
             }
@@ -163,14 +160,9 @@ impl<
             let Some((viewpoint, background)) = view else { continue };
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
             let (surroundings, totals) = ((&*plan, walls), claims.totals());
-            let outcome =
-                hear(belief, &told, environment, channel, clutter, surroundings, scan, &totals);
+            let outcome = hear(belief, &told, environment, channel, clutter, surroundings, scan, &totals);
             let Some(outcome) = outcome else { continue };
-            observer.expectations(
-                scan.anchor,
-                &outcome.expected.direct,
-                &outcome.expected.virtual_anchors,
-            );
+            observer.expectations(scan.anchor, &outcome.expected.direct, &outcome.expected.virtual_anchors);
             observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
             explained.enter(&outcome);
             // As many as scans: the push succeeds.

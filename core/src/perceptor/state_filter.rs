@@ -612,9 +612,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         self.mean.agent.w = 0.0;
         let c = &mut self.covariance;
         let (m11, m21, m22) = (c.xx.m11, c.xx.m21, c.xx.m22);
-        c.xx = Matrix4::new(
-            m11, m21, 0.0, 0.0, m21, m22, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        );
+        c.xx = Matrix4::new(m11, m21, 0.0, 0.0, m21, m22, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for cross in &mut c.xb {
             cross.z = 0.0;
             cross.w = 0.0;

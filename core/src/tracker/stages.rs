@@ -159,11 +159,8 @@ pub(super) fn propose_places<
         }
         // As many as scans: the pushes succeed.
         let _ = landmarks.push(images);
-        let _ = direct.push(Landmark {
-            position_m: sight.anchor_m,
-            covariance_m2: [0.0; 3],
-            detection: seen,
-        });
+        let _ =
+            direct.push(Landmark { position_m: sight.anchor_m, covariance_m2: [0.0; 3], detection: seen });
         let _ = sweeps.push(Sweep {
             measurements: &scan.measurements,
             height_m: sight.height_m,

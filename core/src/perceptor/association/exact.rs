@@ -102,7 +102,8 @@ impl<const PATHS: usize> Trellis<PATHS> {
             return false;
         }
         self.backward(rows, false);
-        let evidence_nat = self.totals.iter().take(self.features.len()).fold(0.0, |sum, total| sum + ln(*total));
+        let evidence_nat =
+            self.totals.iter().take(self.features.len()).fold(0.0, |sum, total| sum + ln(*total));
         if !self.forward(rows, beliefs) {
             return false;
         }

@@ -241,9 +241,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let mut filter = self.trusted.clone();
         filter.place(&Agent {
             mean: Vector4::new(x, y, 0.0, 0.0),
-            covariance: Matrix4::new(
-                xx, yx, 0.0, 0.0, yx, yy, 0.0, 0.0, 0.0, 0.0, v, 0.0, 0.0, 0.0, 0.0, v,
-            ),
+            covariance: Matrix4::new(xx, yx, 0.0, 0.0, yx, yy, 0.0, 0.0, 0.0, 0.0, v, 0.0, 0.0, 0.0, 0.0, v),
         });
         // The share of the plane within reach that it stands for.
         let share = core::f32::consts::TAU * sqrt(along * across) / (reach_m * reach_m);
@@ -288,7 +286,9 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             component.weight_nat -= total;
         }
         self.summary = Summary::of(&self.components);
-        if is_heard && self.summary.probability > TRUSTED_ABOVE && self.summary.variance_m2() < TRUSTED_WITHIN_M2
+        if is_heard
+            && self.summary.probability > TRUSTED_ABOVE
+            && self.summary.variance_m2() < TRUSTED_WITHIN_M2
         {
             self.trusted = self.leader().clone();
         }

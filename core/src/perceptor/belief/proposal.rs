@@ -168,8 +168,7 @@ fn weigh<const PATHS: usize>(
         // The direct path is the first.
         let (background, direct_m) = &*background.get_or_insert_with(|| {
             let direct = Expectation { range_m, variance_m2, existence: 1.0, detection };
-            let background =
-                Background::new(sweep.measurements, &direct, &sweep.clutter, &[1.0; PATHS]);
+            let background = Background::new(sweep.measurements, &direct, &sweep.clutter, &[1.0; PATHS]);
             evidence_nat += background.evidence_nat(sweep.measurements.len());
             (background, range_m)
         });

@@ -81,8 +81,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         if let Some((other, _)) = others().find(|(_, other)| is_one(&other.filter.agent(), &agent)) {
             return Fate::Merged(other);
         }
-        let fits =
-            if is_new { newcomers < larger_half(COMPONENTS / 2) } else { established < larger_half(COMPONENTS) };
+        let fits = if is_new {
+            newcomers < larger_half(COMPONENTS / 2)
+        } else {
+            established < larger_half(COMPONENTS)
+        };
         if fits {
             return Fate::Kept;
         }
