@@ -338,8 +338,9 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.trusted.remove(slot);
     }
 
+    /// The largest weight, nats. One that is NaN is none.
     fn best_nat(&self) -> f32 {
-        self.components.iter().fold(f32::NEG_INFINITY, |best, component| larger(best, component.weight_nat))
+        self.components.iter().fold(f32::NEG_INFINITY, |best, component| larger(component.weight_nat, best))
     }
 
     /// ln of the sum of all weights.

@@ -28,8 +28,9 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     pub(super) fn order(&self) -> Vec<usize, COMPONENTS> {
         let mut order: Vec<usize, COMPONENTS> = Vec::new();
         for (index, component) in self.components.iter().enumerate() {
+            // Written so that NaN stands in the way of nothing.
             let heavier = |&other: &usize| {
-                self.components.get(other).is_some_and(|other| other.weight_nat >= component.weight_nat)
+                self.components.get(other).is_some_and(|other| !(other.weight_nat < component.weight_nat))
             };
             let place = order.iter().take_while(|other| heavier(other)).count();
             // As many as components: the insertion succeeds.
