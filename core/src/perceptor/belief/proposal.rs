@@ -22,7 +22,7 @@ pub const EARLIEST: usize = 2;
 pub const PROPOSED: usize = 4;
 /// Tuned: where the tag is known, places are proposed in every so manieth cycle heard all the same.
 pub const EVERY: u32 = 5;
-/// Tuned: ranges that false alarms are so probable of are not tried: their density over that of all.
+/// Tuned: paths of which false alarms are so probable are not tried: their density over that of all.
 pub const STRONG: f32 = 0.6;
 /// Tuned: standard deviation of a proposed place along the radius, metres.
 pub const ALONG_M: f32 = 0.3;
@@ -99,7 +99,7 @@ pub fn propose<'a, const PATHS: usize, L: Iterator<Item = Landmark>>(
             let mut next: Option<&Measurement> = None;
             for measurement in sweep.measurements {
                 if measurement.range_m > after_m
-                    && measurement.false_alarm < STRONG
+                    && measurement.is_strong(STRONG)
                     && next.is_none_or(|next| measurement.range_m < next.range_m)
                 {
                     next = Some(measurement);
@@ -305,6 +305,9 @@ mod tests {
         let mut weak = usual;
         weak.iter_mut().flatten().for_each(|measurement| measurement.false_alarm = STRONG);
         assert_eq!(count(&weak), (0, 0));
+        // Of ranges, no strength is known: they are tried.
+        weak[1][0].sinr = 0.0;
+        assert_eq!(count(&weak), (ARCS, PROPOSED));
     }
 
     #[test]
