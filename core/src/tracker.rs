@@ -39,7 +39,7 @@ use heapless::Vec;
 const LEAPT: f32 = 9.0;
 
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
-/// (and corners of the outline), paths per anchor and actions.
+/// (and corners of the outline), paths per anchor, actions and components of the belief.
 #[derive(Clone, Debug)]
 pub struct Tracker<
     const ANCHORS: usize,

@@ -119,6 +119,7 @@ pub(super) fn hear<
 
 /// Places that the scans propose.
 #[inline(never)]
+#[allow(clippy::too_many_arguments)] // each is a state, or what it is told
 pub(super) fn propose_places<
     const ANCHORS: usize,
     const SURFACES: usize,

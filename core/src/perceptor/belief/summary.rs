@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn of_one_component_it_is_that_component() {
         let own = component([3.0, -1.0], 0.4, 0.0);
-        let (all, one) = (Summary::of(&[own.clone()]), Summary::of_one(&own.filter.agent()));
+        let (all, one) = (Summary::of(core::slice::from_ref(&own)), Summary::of_one(&own.filter.agent()));
         assert_eq!(all, one);
         assert_eq!((one.probability, one.position_m), (1.0, [3.0, -1.0]));
         assert_near(one.variance_m2(), 0.32, "variance");
