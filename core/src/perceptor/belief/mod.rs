@@ -181,6 +181,10 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         for component in &mut self.components {
             component.age = component.age.saturating_add(1);
         }
+        // Splits come first: children that turned would take the room of every cycle, and what is wider than a range's circle is
+        // straight loses to what is narrower, cycle by cycle, wherever the tag is.
+        let widest_m2 = self.settings.split_above_m * self.settings.split_above_m;
+        self.branch(SPLIT_NAT, |component| component.split(widest_m2));
         let turned = probability(self.settings.turns_per_s, unheard_s);
         if turned > 0.0 {
             let speed_m2_s2 = self.speed_m2_s2;
@@ -192,8 +196,6 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 [Some(child), None]
             });
         }
-        let widest_m2 = self.settings.split_above_m * self.settings.split_above_m;
-        self.branch(SPLIT_NAT, |component| component.split(widest_m2));
     }
 
     /// Adds children of the components within so many nats of the best, the heaviest first, as long as there is room for both and
