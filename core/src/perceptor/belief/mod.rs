@@ -192,7 +192,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 let mut child = component.clone();
                 child.filter.turn(speed_m2_s2, unheard_s);
                 child.weight_nat += ln(turned);
-                component.weight_nat += ln(1.0 - turned);
+                component.weight_nat += ln(larger(1.0 - turned, f32::MIN_POSITIVE));
                 [Some(child), None]
             });
         }
