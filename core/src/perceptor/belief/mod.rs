@@ -181,8 +181,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         for component in &mut self.components {
             component.age = component.age.saturating_add(1);
         }
-        // Splits come first: children that turned would take the room of every cycle, and what is wider than a range's circle is
-        // straight loses to what is narrower, cycle by cycle, wherever the tag is.
+        // Splits come first: turned children would take their room, and a component so wide that the circle of a range bends away
+        // from it loses weight to narrower ones in every cycle, wherever the tag is.
         let widest_m2 = self.settings.split_above_m * self.settings.split_above_m;
         self.branch(SPLIT_NAT, |component| component.split(widest_m2));
         let turned = probability(self.settings.turns_per_s, unheard_s);
@@ -369,6 +369,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
 mod tests {
     use super::proposal::{Landmark, Sweep, propose};
     use super::*;
+    use crate::config::Config;
     use crate::model::channel::ChannelPrior;
     use crate::model::measurement::{Clutter, Measurement};
     use crate::model::motion::Motion;
@@ -600,6 +601,35 @@ mod tests {
         assert!(slowest < 50, "{slowest}");
     }
 
+    #[test]
+    fn a_tag_that_one_anchor_hears_is_somewhere_on_a_circle() {
+        let (mut lies, mut doubtful, mut cycles) = (0, 0, 0);
+        for seed in 0..60 {
+            let mut listener = Listener::<16>::new(filter([5.0, 3.0], 2.0), BeliefSettings::default(), seed);
+            let mut truth_m = [5.0 + 2.0 * listener.normal(), 3.0 + 2.0 * listener.normal()];
+            let angle = core::f32::consts::TAU * listener.uniform();
+            for cycle in 0..60 {
+                truth_m = [truth_m[0] + 0.07 * angle.cos(), truth_m[1] + 0.07 * angle.sin()];
+                let error = listener.hear(1, truth_m);
+                let summary = listener.belief.summary();
+                let is_claimed = summary.probability > 0.9;
+                if cycle >= 10 {
+                    lies +=
+                        u32::from(is_claimed && error > 1.0 && error * error > 9.0 * summary.variance_m2());
+                    doubtful += u32::from(!is_claimed);
+                    cycles += 1;
+                }
+            }
+        }
+        let share = |count: u32| f64::from(count) / f64::from(cycles);
+        std::println!(
+            "one anchor: {:.4} of the cycles lie, {:.3} are in doubt",
+            share(lies),
+            share(doubtful)
+        );
+        assert!(share(lies) < 0.02 && share(doubtful) > 0.8, "{} {}", share(lies), share(doubtful));
+    }
+
     fn last_error<const COMPONENTS: usize>() -> f32 {
         let mut listener = Listener::<COMPONENTS>::new(filter([4.3, 3.0], 0.3), BeliefSettings::default(), 3);
         (0..40).fold(0.0, |_, cycle| listener.hear(3, [4.0 + 0.05 * cycle as f32, 3.0]))
@@ -609,6 +639,30 @@ mod tests {
     fn few_components_track_what_needs_no_more() {
         for error in [last_error::<1>(), last_error::<2>(), last_error::<3>(), last_error::<16>()] {
             assert!(error < 0.2, "{error}");
+        }
+    }
+
+    #[test]
+    fn after_the_longest_gap_every_weight_is_a_number() {
+        for gap_s in [10.0, 100.0, 3600.0] {
+            let walking = |x: f32| {
+                // At constant velocity, as published: nobody slows down.
+                let motion = Motion { velocity_decay_s: f32::INFINITY, ..Config::default().motion };
+                let mut filter = StateFilter::<3, 2>::new(motion, [x, 0.0], 0.1, 0.1, 0.0, 0.0);
+                let mut agent = filter.agent();
+                agent.mean.z = 3.0;
+                filter.place(&agent);
+                filter
+            };
+            let mut belief = TagBelief::<3, 2, 16>::new(walking(0.0), SPEED_M_S, BeliefSettings::default());
+            for x in [200.0, 200.1, 400.0] {
+                belief.components.push(Component::newcomer(walking(x), -8.0)).unwrap();
+            }
+            belief.predict(gap_s, Some(gap_s));
+            belief.conclude(|_, _, _| 1.0, |_, _| 1.0, true);
+            let total: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
+            assert!((total - 1.0).abs() < 1e-4, "{gap_s}: {total}");
+            assert!(belief.components().iter().all(|own| own.weight_nat.is_finite()), "{gap_s}");
         }
     }
 
