@@ -36,7 +36,7 @@ use crate::report::{CycleReport, MapChanges};
 use heapless::Vec;
 
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
-/// (and corners of the outline), paths per anchor and actions.
+/// (and corners of the outline), paths per anchor, actions and components of the belief.
 #[derive(Clone, Debug)]
 pub struct Tracker<
     const ANCHORS: usize,
@@ -245,5 +245,39 @@ impl<
         *cycle = cycle.wrapping_add(1);
         observer.stage(Stage::Done);
         Ok(report)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::motion::Start;
+    use crate::model::observation::{Observation, Range, RangeScan};
+    use crate::model::plan::Map;
+    use crate::radio::library::LIBRARY_PUBLISHED;
+
+    #[test]
+    fn a_tag_that_was_carried_elsewhere_is_found_again_by_ranges_alone() {
+        let places_m = [[0.0_f32, 0.0_f32], [10.0, 0.0], [5.0, 8.0]];
+        let anchors = places_m.map(|position_m| Anchor { position_m, height_m: 0.0 });
+        let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 0.3 };
+        let config = Config { start, ..Config::default() };
+        let library = &LIBRARY_PUBLISHED;
+        let mut tracker =
+            Tracker::<3, 1, 1, 1, 4, 40, 8>::new(config, &anchors, &Map::default(), library, 1).unwrap();
+        let mut hear = |[x, y]: [f32; 2]| {
+            let ranges =
+                places_m.map(|[ax, ay]| [Range { range_m: (x - ax).hypot(y - ay), variance_m2: 4e-4 }]);
+            let scans =
+                [0, 1, 2].map(|anchor| Observation::Ranges(RangeScan { anchor, ranges: &ranges[anchor] }));
+            let report = tracker.cycle(&scans, 0.1, None).unwrap();
+            let [own_x, own_y] = report.position_m;
+            (own_x - x).hypot(own_y - y)
+        };
+        let settled = (0..20).fold(0.0, |_, _| hear([2.0, 2.0]));
+        assert!(settled < 0.05, "{settled}");
+        let cycles = (0..300).take_while(|_| !(hear([8.0, 4.0]) < 0.1)).count();
+        std::println!("carried 6.3 m away, three ranges a cycle: found within {cycles} cycles");
+        assert!(cycles < 30, "{cycles}");
     }
 }

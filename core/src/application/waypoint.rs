@@ -432,7 +432,8 @@ mod tests {
     use crate::memory::channel::{ChannelMemory, ChannelMemorySettings};
     use crate::model::anchor::Anchor;
     use crate::model::measurement::Measurement;
-    use crate::model::motion::Motion;
+    use crate::model::motion::{Motion, Start};
+    use crate::model::observation::{Observation, Range, RangeScan};
     use crate::model::plan::Map;
     use crate::radio::library::{LIBRARY_PUBLISHED, LIBRARY_WIDE};
     use nalgebra::{Matrix2, Vector4};
@@ -791,15 +792,20 @@ mod tests {
     #[test]
     fn a_tracker_that_does_not_know_where_it_is_says_so() {
         let anchors = [Anchor { position_m: [0.0, 0.0], height_m: 0.0 }];
-        let tracker = Tracker::<1, 1, 1, 1, 4, 40>::new(
-            Config::default(),
-            &anchors,
-            &Map::default(),
-            &LIBRARY_PUBLISHED,
-            1,
-        )
-        .unwrap();
-        let answer = tracker.choose_waypoint(&[[1.0, 0.0]], None, None, &settings(1.0));
-        assert_eq!(answer, Err(WaypointError::Acquiring));
+        let start = Start { position_m: [4.0, 0.0], position_std_m: 3.0, velocity_std_m_s: 1.0 };
+        let config = Config { start, ..Config::default() };
+        let library = &LIBRARY_PUBLISHED;
+        let mut tracker =
+            Tracker::<1, 1, 1, 1, 4, 40, 16>::new(config, &anchors, &Map::default(), library, 1).unwrap();
+        let ask = |tracker: &Tracker<1, 1, 1, 1, 4, 40, 16>| {
+            tracker.choose_waypoint(&[[1.0, 0.0]], None, None, &settings(1.0))
+        };
+        // One place, however wide.
+        assert!(ask(&tracker).is_ok());
+        // Anywhere on a circle: many places.
+        let ranges = [Range { range_m: 4.0, variance_m2: 1e-4 }];
+        let scan = Observation::Ranges(RangeScan { anchor: 0, ranges: &ranges });
+        assert!((0..20).any(|_| tracker.cycle(&[scan], 0.1, None).unwrap().searching));
+        assert_eq!(ask(&tracker), Err(WaypointError::Acquiring));
     }
 }

@@ -70,6 +70,14 @@ pub struct Measurement {
     pub false_alarm: f32,
 }
 
+impl Measurement {
+    /// Whether it may be taken for a path: the density of false alarms of its strength, over that of all, is below `density`, or
+    /// nothing is known of its strength.
+    pub fn is_strong(&self, density: f32) -> bool {
+        self.sinr == 0.0 || self.false_alarm < density
+    }
+}
+
 /// Intensities of measurements that come from no known feature, per metre of range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clutter {

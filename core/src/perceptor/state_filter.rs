@@ -1378,4 +1378,281 @@ mod tests {
             assert!(filter.surface(from).is_none() && filter.surface(to).is_some());
         }
     }
+
+    /// Two walls, a private image, and one that is known exactly; all but the last depend on one another.
+    fn walls_and_images() -> Filter {
+        let mut filter = filter();
+        for (slot, normal) in [(0, [0.6, 0.8]), (3, [0.0, 1.0])] {
+            filter.surfaces[slot] = Some(Surface::Wall(crate::model::surface::Line {
+                centre_m: [slot as f32 + 3.0, -4.0],
+                normal,
+            }));
+            filter.mean.surfaces[slot] = Vector2::new(0.05, -0.02);
+        }
+        assert!(filter.insert_independent(FREE, Surface::Private, EXACT, [0.0, 0.0]));
+        filter
+    }
+
+    /// Where the exact image is.
+    const EXACT: Vector2<f32> = Vector2::new(7.0, -3.0);
+
+    /// The image known exactly is where it was, and nothing depends on it.
+    fn assert_exact(filter: &Filter, what: &str) {
+        let (surface, state, own) = filter.surface(FREE).unwrap();
+        assert_eq!((surface, state, own), (Surface::Private, EXACT, Matrix2::zeros()), "{what}");
+        let c = dense(filter);
+        for n in [BEFORE + 2 * FREE, BEFORE + 2 * FREE + 1] {
+            assert!(c.row(n).iter().chain(c.column(n).iter()).all(|entry| *entry == 0.0), "{what}");
+        }
+    }
+
+    /// Mean and covariance of a mixture.
+    fn moments(parts: &[(f64, Column, Dense)]) -> (Column, Dense) {
+        let middle = parts.iter().fold(Column::zeros(), |sum, (weight, x, _)| sum + *weight * x);
+        let spread = parts.iter().fold(Dense::zeros(), |sum, (weight, x, c)| {
+            let off = x - middle;
+            sum + *weight * (c + off * off.transpose())
+        });
+        (middle, spread)
+    }
+
+    #[test]
+    fn the_parts_of_a_split_component_have_its_mean_and_covariance() {
+        use crate::perceptor::belief::component::Component;
+        for swap in [false, true] {
+            let mut whole = walls_and_images();
+            if swap {
+                // The longest axis is the other one.
+                whole.covariance.xx.swap_rows(0, 1);
+                whole.covariance.xx.swap_columns(0, 1);
+                for xb in &mut whole.covariance.xb {
+                    xb.swap_rows(0, 1);
+                }
+                for xs in &mut whole.covariance.xs {
+                    xs.swap_rows(0, 1);
+                }
+            }
+            let c = whole.position_covariance_m2().map(f64::from);
+            // In closed form by the angle of the longest axis.
+            let angle = 0.5 * (2.0 * c.m21).atan2(c.m11 - c.m22);
+            let axis = Vector2::new(angle.cos(), angle.sin());
+            let widest = (axis.transpose() * c * axis)[0];
+            let mut middle = Component::newcomer(whole.clone(), -1.0);
+            assert!(middle.clone().split(widest as f32 * 1.001).iter().all(Option::is_none));
+            let [Some(left), Some(right)] = middle.split(widest as f32 * 0.999) else { panic!("not split") };
+            let parts = [&left, &middle, &right].map(|part| {
+                (f64::from(part.weight_nat + 1.0).exp(), mean(&part.filter), dense(&part.filter))
+            });
+            let (x, c) = moments(&parts);
+            assert!((parts.iter().map(|part| part.0).sum::<f64>() - 1.0).abs() < 1e-6);
+            assert_near(&x, &mean(&whole), "mean");
+            assert_near(&c, &dense(&whole), "covariance");
+            for (part, deviations) in [&left, &middle, &right].into_iter().zip([1.0, 0.0, 1.0]) {
+                let own = part.filter.position_covariance_m2().map(f64::from);
+                assert!(((axis.transpose() * own * axis)[0] / widest - 0.5).abs() < 1e-5);
+                let [x, y] = part.filter.position_m().map(f64::from);
+                let [x0, y0] = whole.position_m().map(f64::from);
+                let moved = axis.x * (x - x0) + axis.y * (y - y0);
+                assert!((moved.abs() - deviations * widest.sqrt()).abs() < 1e-5);
+                assert_exact(&part.filter, "split");
+            }
+        }
+    }
+
+    #[test]
+    fn a_part_of_a_gaussian_is_moved_and_narrowed_as_its_covariance_says() {
+        let whole = walls_and_images();
+        let (x, c) = (mean(&whole), dense(&whole));
+        for (direction, deviations, share) in
+            [([1.0, 0.0], -1.0, 0.5), ([0.0, 1.0], 2.0, 0.25), ([-0.6, 0.8], 0.0, 0.9)]
+        {
+            let mut part = whole.clone();
+            part.narrow(direction, deviations, share);
+            let mut h = Column::zeros();
+            (h[0], h[1]) = (f64::from(direction[0]), f64::from(direction[1]));
+            let w = c * h;
+            let variance = h.dot(&w);
+            assert_near(&mean(&part), &(x + w * (f64::from(deviations) / variance.sqrt())), "mean");
+            let less = w * w.transpose() * ((f64::from(share) - 1.0) / variance);
+            assert_near(&dense(&part), &(c + less), "covariance");
+            assert_exact(&part, "narrow");
+        }
+        // A tag that is known exactly has no parts.
+        let mut still = whole.clone();
+        still.place(&Agent { mean: Vector4::zeros(), covariance: Matrix4::zeros() });
+        let before = dense(&still);
+        still.narrow([1.0, 0.0], 1.0, 0.5);
+        assert_eq!(dense(&still), before);
+    }
+
+    #[test]
+    fn a_merged_state_has_the_moments_of_the_mixture() {
+        let own = walls_and_images();
+        let mut other = walls_and_images();
+        let sight = Sight { anchor_m: [-2.0, 5.0], height_m: 0.0, height_std_m: 0.0 };
+        let regression = other.regress(Source::Direct { anchor: 1 }, &sight, None).unwrap();
+        other.update([Innovation::hard(regression, 0.4, 0.02)]);
+        other.predict(0.5);
+        assert!(
+            (mean(&own) - mean(&other)).abs().max() > 0.05
+                && (dense(&own) - dense(&other)).abs().max() > 0.01
+        );
+        for share in [0.0_f32, 1e-4, 0.3, 0.5, 1.0] {
+            let mut merged = own.clone();
+            merged.merge(&other, share);
+            let weight = f64::from(share);
+            let (x, c) =
+                moments(&[(1.0 - weight, mean(&own), dense(&own)), (weight, mean(&other), dense(&other))]);
+            assert_near(&mean(&merged), &x, "mean");
+            assert_near(&dense(&merged), &c, "covariance");
+            assert_exact(&merged, "merge");
+        }
+    }
+
+    #[test]
+    fn a_turn_draws_the_velocity_anew_at_any_time_and_keeps_everything_else() {
+        let before = walls_and_images();
+        let (speed2, elapsed_s) = (0.9_f32, 0.7_f32);
+        let mut turned = before.clone();
+        turned.turn(speed2, elapsed_s);
+        // v = 0 and independent of everything, then moments of (v s, v) over all times s that are left.
+        let mut keep = Dense::identity();
+        (keep[(2, 2)], keep[(3, 3)]) = (0.0, 0.0);
+        let mut exact = keep * dense(&before) * keep;
+        let steps = 10_000;
+        for step in 0..steps {
+            let left_s = f64::from(elapsed_s) * (f64::from(step) + 0.5) / f64::from(steps);
+            for axis in 0..2 {
+                let own = [(axis, left_s), (axis + 2, 1.0)];
+                for (row, a) in own {
+                    for (column, b) in own {
+                        exact[(row, column)] += f64::from(speed2) * a * b / f64::from(steps);
+                    }
+                }
+            }
+        }
+        assert_near(&dense(&turned), &exact, "covariance");
+        assert_near(&mean(&turned), &(keep * mean(&before)), "mean");
+        assert_exact(&turned, "turn");
+    }
+
+    #[test]
+    fn following_a_map_changes_what_differs_and_nothing_else() {
+        let before = walls_and_images();
+        let mut leader = walls_and_images();
+        let line = crate::model::surface::Line { centre_m: [1.0, 2.0], normal: [1.0, 0.0] };
+        // Slot 0 becomes another wall, slot 2 is gone; slots 1 and 3 are what they were, with other numbers.
+        assert!(leader.rebase(
+            0,
+            Surface::Wall(line),
+            Vector2::new(0.3, 0.01),
+            &Matrix2::new(0.5, 0.1, 0.0, 0.2)
+        ));
+        assert!(leader.remove(2));
+        leader.narrow([1.0, 0.0], 1.0, 0.5);
+        let mut follower = before.clone();
+        follower.follow_map(&leader);
+        let mut keep = Dense::identity();
+        for n in [BEFORE, BEFORE + 1, BEFORE + 4, BEFORE + 5] {
+            keep[(n, n)] = 0.0;
+        }
+        let (mut c, mut x) = (keep * dense(&before) * keep, keep * mean(&before));
+        let theirs = dense(&leader);
+        let own = theirs.fixed_view::<2, 2>(BEFORE, BEFORE).into_owned();
+        c.fixed_view_mut::<2, 2>(BEFORE, BEFORE).copy_from(&own);
+        x.fixed_rows_mut::<2>(BEFORE).copy_from(&mean(&leader).fixed_rows::<2>(BEFORE));
+        assert_eq!(dense(&follower), c);
+        assert_eq!(mean(&follower), x);
+        assert_eq!(follower.surfaces, leader.surfaces);
+        assert_exact(&follower, "follow");
+        // A map that is the same already, and one that is told a surface known exactly.
+        let same = follower.clone();
+        follower.follow_map(&leader);
+        assert_eq!((dense(&follower), mean(&follower)), (dense(&same), mean(&same)));
+        assert!(follower.remove(FREE));
+        follower.follow_map(&leader);
+        assert_exact(&follower, "told");
+    }
+
+    /// Least variance of a state given those before it, over its own: above 0 where the covariance is positive definite. States
+    /// without variance are left out.
+    fn least_pivot(filter: &Filter) -> f64 {
+        let mut rest = dense(filter);
+        let own = rest.diagonal();
+        let mut least = f64::INFINITY;
+        for n in (0..SIZE).filter(|n| own[*n] != 0.0) {
+            let pivot = rest[(n, n)];
+            least = least.min(pivot / own[n]);
+            let column = rest.column(n).into_owned();
+            rest -= column * column.transpose() / pivot;
+        }
+        least
+    }
+
+    #[test]
+    fn ten_thousand_operations_leave_a_covariance() {
+        let mut filter = walls_and_images();
+        filter.motion.acceleration_density_m2_s3 = 0.1;
+        let told = filter.clone();
+        let mut seed = 9_u32;
+        let mut draw = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 8) as f32 / 16_777_216.0
+        };
+        let sights =
+            [[-6.0, 1.0], [8.0, 5.0]].map(|anchor_m| Sight { anchor_m, height_m: 0.0, height_std_m: 0.0 });
+        let (mut least, mut counts) = (f64::INFINITY, [0; 6]);
+        for _ in 0..10_000 {
+            let kind = (draw() * 6.0) as usize;
+            counts[kind] += 1;
+            match kind {
+                0 => filter.predict(0.2 * draw()),
+                1 => filter.turn(0.5, 0.2 * draw()),
+                2 | 3 => {
+                    let angle = core::f32::consts::TAU * draw();
+                    let direction = [crate::real::cos(angle), crate::real::sin(angle)];
+                    if kind == 2 {
+                        filter.narrow(direction, 2.0 * draw() - 1.0, 0.5);
+                    } else {
+                        let mut other = filter.clone();
+                        other.narrow(direction, 2.0 * draw() - 1.0, draw());
+                        filter.merge(&other, draw());
+                    }
+                }
+                4 => {
+                    let slot = (draw() * 4.0) as u8;
+                    let anchor = (draw() * 2.0) as usize;
+                    let sequence = Sequence::of(slot);
+                    let images = [None, Some(&sequence)];
+                    let regressions: Vec<Regression> = images
+                        .into_iter()
+                        .filter_map(|sequence| {
+                            filter.regress(Source::Direct { anchor }, &sights[anchor], sequence)
+                        })
+                        .collect();
+                    let innovation_m = 0.1 * (draw() - 0.5);
+                    filter.update(
+                        regressions
+                            .into_iter()
+                            .map(|regression| Innovation::hard(regression, innovation_m, 1e-4)),
+                    );
+                }
+                _ => {
+                    let slot = [0, 2, 3][(draw() * 3.0) as usize];
+                    if draw() < 0.05 {
+                        // Somebody else's map has another surface there.
+                        filter.remove(slot);
+                        filter.follow_map(&told);
+                    }
+                }
+            }
+            least = least.min(least_pivot(&filter));
+        }
+        std::println!(
+            "least share of a variance that nothing explains, in 10,000 operations {counts:?}: {least:.1e}"
+        );
+        assert_exact(&filter, "ten thousand operations");
+        assert!(least > 0.0, "{least:e}");
+        assert!(mean(&filter).iter().all(|number| number.is_finite()));
+    }
 }

@@ -26,7 +26,7 @@ pub(super) type Outcomes<'a, const ANCHORS: usize, const SOURCES: usize, const P
 /// How much of the strong paths of a cycle is explained.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Explained {
-    /// Paths that no false alarm is as strong as.
+    /// Ranges, and paths that hardly any false alarm is as strong as.
     pub(super) strong: f32,
     /// Of those, how many are expected to belong to a known source.
     pub(super) known: f32,
@@ -39,7 +39,7 @@ impl Explained {
         outcome: &AssociatedScan<'_, SOURCES, PATHS>,
     ) {
         for (measurement, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
-            if measurement.false_alarm < WEAK {
+            if measurement.is_strong(WEAK) {
                 self.strong += 1.0;
                 self.known += 1.0 - free;
             }
@@ -116,6 +116,7 @@ pub(super) fn hear<
 
 /// Places that the scans propose.
 #[inline(never)]
+#[allow(clippy::too_many_arguments)] // each is a state, or what it is told
 pub(super) fn propose_places<
     const ANCHORS: usize,
     const SURFACES: usize,

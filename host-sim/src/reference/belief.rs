@@ -139,6 +139,14 @@ impl<T: Real> Belief<T> {
         for component in &mut self.components {
             component.age = component.age.saturating_add(1);
         }
+        // Split first, then turn.
+        let room = self.room();
+        for parent in self.parents(SPLIT_NAT) {
+            if self.components.len() + 2 > room {
+                break;
+            }
+            self.split(parent);
+        }
         let turned = probability(self.settings.turns_per_s, unheard_s);
         if turned > T::ZERO {
             let room = self.room();
@@ -149,16 +157,9 @@ impl<T: Real> Belief<T> {
                 let mut child = self.components[parent].clone();
                 child.filter.turn(self.speed_m2_s2, unheard_s);
                 child.weight_nat += ln(turned);
-                self.components[parent].weight_nat += ln(T::ONE - turned);
+                self.components[parent].weight_nat += ln(larger(T::ONE - turned, T::of(f32::MIN_POSITIVE)));
                 self.components.push(child);
             }
-        }
-        let room = self.room();
-        for parent in self.parents(SPLIT_NAT) {
-            if self.components.len() + 2 > room {
-                break;
-            }
-            self.split(parent);
         }
     }
 
@@ -408,7 +409,7 @@ impl<T: Real> Belief<T> {
 
     fn best_nat(&self) -> T {
         let weights = self.components.iter().map(|component| component.weight_nat);
-        weights.fold(T::of(f32::NEG_INFINITY), larger)
+        weights.fold(T::of(f32::NEG_INFINITY), |best, weight| larger(weight, best))
     }
 
     fn total_nat(&self) -> T {

@@ -242,7 +242,7 @@ impl<T: Real> Reference<T> {
             belief.reduce();
             let Some((_, outcome)) = best else { continue };
             for (z, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
-                if z.false_alarm < T::of(WEAK) {
+                if z.is_strong(WEAK) {
                     strong += T::ONE;
                     explained += T::ONE - *free;
                 }

@@ -64,7 +64,7 @@ pub fn propose<T: Real>(sweeps: &[Sweep<T>], inside: impl Fn([T; 2], T) -> T, ph
         let mut early: Vec<T> = sweep
             .measurements
             .iter()
-            .filter(|z| z.range_m > T::ZERO && z.false_alarm < num(STRONG))
+            .filter(|z| z.range_m > T::ZERO && z.is_strong(STRONG))
             .map(|z| z.range_m)
             .collect();
         early.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));

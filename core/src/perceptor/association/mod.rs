@@ -273,6 +273,7 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::measurement::Clutter;
 
     fn expectation(range_m: f32, deviation_m: f32) -> Expectation {
         Expectation { range_m, variance_m2: deviation_m * deviation_m, existence: 1.0, detection: 0.95 }
@@ -288,6 +289,16 @@ mod tests {
         }
     }
 
+    /// False alarms of this density at any range, and no paths that are not in the map.
+    fn uniform_background<const M: usize>(
+        direct: &Expectation,
+        measurements: &Vec<Measurement, M>,
+        per_m: f32,
+    ) -> Background<M> {
+        let clutter = Clutter { false_alarms_per_m: per_m, all_per_m: per_m };
+        Background::new(measurements, direct, &clutter, &[1.0; M])
+    }
+
     /// Joint associations of one problem, enumerated one by one in f64.
     struct Enumeration {
         /// p(b_k = 0), then p(b_k = m), per feature.
@@ -295,10 +306,17 @@ mod tests {
         /// Per measurement, the probability that no feature has it.
         unassociated: std::vec::Vec<f64>,
         best: std::vec::Vec<Option<usize>>,
+        /// ln of the sum over all of them, over that in which everything is clutter.
+        evidence_nat: f64,
     }
 
     impl Enumeration {
-        fn new(features: &[Expectation], measurements: &[Measurement], density: f64) -> Self {
+        /// Where clutter has this density at a measurement.
+        fn new(
+            features: &[Expectation],
+            measurements: &[Measurement],
+            density: impl Fn(&Measurement) -> f64 + Copy,
+        ) -> Self {
             let columns = measurements.len();
             let direct = &features[0];
             let earlier = |z: &Measurement| {
@@ -313,7 +331,7 @@ mod tests {
                     let nis = (f64::from(z.range_m) - f64::from(feature.range_m)).powi(2) / variance;
                     let density_at = (-0.5 * nis).exp() / (core::f64::consts::TAU * variance).sqrt();
                     let possible = nis < 16.0 && (k == 0 || !earlier(z));
-                    if possible { existence * detection * density_at / density } else { 0.0 }
+                    if possible { existence * detection * density_at / density(z) } else { 0.0 }
                 });
                 core::iter::once(missed).chain(taken).collect()
             });
@@ -322,10 +340,12 @@ mod tests {
                 marginals: std::vec![std::vec![0.0; columns + 1]; rows.len()],
                 unassociated: std::vec![0.0; columns],
                 best: std::vec![None; rows.len()],
+                evidence_nat: 0.0,
             };
             let (mut total, mut most) = (0.0, 0.0);
             found.descend(&rows, &mut std::vec::Vec::new(), 1.0, &mut total, &mut most);
             found.marginals.iter_mut().flatten().chain(&mut found.unassociated).for_each(|p| *p /= total);
+            found.evidence_nat = total.ln();
             found
         }
 
@@ -371,11 +391,19 @@ mod tests {
         exact: f64,
         /// Largest error of any probability of a problem: sorted.
         errors: std::vec::Vec<f64>,
+        /// Error of the evidence of a problem, nats, without its sign: sorted.
+        evidence_nat: std::vec::Vec<f64>,
+        /// Its mean with the sign.
+        bias_nat: f64,
+    }
+
+    fn quantile(sorted: &[f64], q: f64) -> f64 {
+        sorted[(q * (sorted.len() - 1) as f64) as usize]
     }
 
     impl Agreement {
         fn quantile(&self, q: f64) -> f64 {
-            self.errors[(q * (self.errors.len() - 1) as f64) as usize]
+            quantile(&self.errors, q)
         }
     }
 
@@ -388,8 +416,8 @@ mod tests {
             (state >> 11) as f64 / (1_u64 << 53) as f64
         };
         let density = 1.0 / 30.0;
-        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
         let (mut best, mut exact, mut errors) = (0, 0, std::vec::Vec::new());
+        let (mut evidence_nat, mut bias_nat) = (std::vec::Vec::new(), 0.0);
         for _ in 0..problems {
             let mut features = [expectation(0.0, 0.0); K];
             let mut measurements: Vec<Measurement, M> = Vec::new();
@@ -402,8 +430,9 @@ mod tests {
             measurements.push(measurement((1.0 + span_m * uniform()) as f32, 0.1)).unwrap();
             let (direct, others) = features.split_first().unwrap();
             let others: Vec<Expectation, K> = others.iter().copied().collect();
+            let background = uniform_background(direct, &measurements, density as f32);
             let beliefs = associate_within(direct, &others, &measurements, &background, limit);
-            let truth = Enumeration::new(&features, &measurements, f64::from(density));
+            let truth = Enumeration::new(&features, &measurements, |_| f64::from(density as f32));
             let (first, rest) = beliefs.most_probable();
             let choices: std::vec::Vec<_> = core::iter::once(first).chain(rest.iter().copied()).collect();
             best += usize::from(choices == truth.best);
@@ -418,20 +447,30 @@ mod tests {
                 error = error.max((f64::from(*p) - q).abs());
             }
             errors.push(error);
+            let off_nat = f64::from(beliefs.evidence_nat) - truth.evidence_nat;
+            evidence_nat.push(off_nat.abs());
+            bias_nat += off_nat / problems as f64;
         }
         errors.sort_unstable_by(f64::total_cmp);
-        Agreement { best: best as f64 / problems as f64, exact: exact as f64 / problems as f64, errors }
+        evidence_nat.sort_unstable_by(f64::total_cmp);
+        let share = |count: usize| count as f64 / problems as f64;
+        Agreement { best: share(best), exact: share(exact), errors, evidence_nat, bias_nat }
     }
 
     fn print(title: &str, found: &Agreement) {
         std::println!(
             "{title}: most probable association is the joint one in {:.2} %, all clusters exact in {:.2} %; \
-             probabilities off by {:.1e} (median), {:.1e} (90 %), {:.1e} (at most)",
+             probabilities off by {:.1e} (median), {:.1e} (90 %), {:.1e} (at most); evidence by {:.1e}, {:.1e}, \
+             {:.1e} nat (on the mean {:+.1e})",
             100.0 * found.best,
             100.0 * found.exact,
             found.quantile(0.5),
             found.quantile(0.9),
-            found.quantile(1.0)
+            found.quantile(1.0),
+            quantile(&found.evidence_nat, 0.5),
+            quantile(&found.evidence_nat, 0.9),
+            quantile(&found.evidence_nat, 1.0),
+            found.bias_nat
         );
     }
 
@@ -447,6 +486,66 @@ mod tests {
         assert_eq!(exact.exact, 1.0);
         assert!(small.best >= 0.99, "{}", small.best);
         assert!(loopy.best >= 0.97 && loopy.exact == 0.0, "{}", loopy.best);
+        assert!(quantile(&exact.evidence_nat, 1.0) < 1e-5, "{exact:?}");
+        // Bethe's approximation of a sum over matchings is never above it (Vontobel 2013).
+        assert!(quantile(&loopy.evidence_nat, 0.5) < 1e-4 && quantile(&loopy.evidence_nat, 0.9) < 0.5);
+        assert!(loopy.bias_nat < 0.0 && loopy.bias_nat > -0.2, "{}", loopy.bias_nat);
+    }
+
+    /// Density of what belongs to no known feature, as it is documented, in f64.
+    fn density(z: &Measurement, claim: f32, direct: &Expectation, [all, false_alarms]: [f64; 2]) -> f64 {
+        let deviation = (f64::from(direct.variance_m2) + f64::from(z.variance_m2)).sqrt();
+        let earlier = (f64::from(direct.range_m) - f64::from(z.range_m)) / deviation;
+        let later = 1.0 / (1.0 + (f64::from(crate::model::detection::LOGISTIC) * earlier).exp());
+        false_alarms * f64::from(z.false_alarm)
+            + (all - false_alarms) * later
+            + all * (f64::from(claim) - 1.0)
+    }
+
+    #[test]
+    fn evidence_is_the_sum_over_all_associations_before_any_background() {
+        let mut state = 7_u64;
+        let mut uniform = |low: f64, high: f64| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (low + (high - low) * ((state >> 11) as f64 / (1_u64 << 53) as f64)) as f32
+        };
+        let (mut least, mut most, mut worst) = (f64::INFINITY, f64::NEG_INFINITY, 0.0_f64);
+        for _ in 0..2000 {
+            let mut features = [expectation(0.0, 0.0); 4];
+            let mut measurements: Vec<Measurement, 6> = Vec::new();
+            for feature in &mut features {
+                let (existence, detection) = (uniform(0.0, 1.0), uniform(0.03, 0.95));
+                *feature = Expectation {
+                    existence,
+                    detection,
+                    ..expectation(uniform(3.0, 8.0), uniform(0.02, 0.5))
+                };
+            }
+            let mut claims = [1.0; 6];
+            for claim in &mut claims {
+                let false_alarm = uniform(-9.0, 0.0).exp();
+                let own = measurement(uniform(2.0, 9.0), uniform(0.01, 0.3));
+                measurements.push(Measurement { false_alarm, ..own }).unwrap();
+                *claim = uniform(0.5, 4.0).max(1.0);
+            }
+            let (direct, others) = features.split_first().unwrap();
+            let others: Vec<Expectation, 4> = others.iter().copied().collect();
+            let clutter = Clutter { all_per_m: uniform(0.05, 0.4), false_alarms_per_m: 0.04 };
+            let background = Background::new(&measurements, direct, &clutter, &claims);
+            let beliefs = associate(direct, &others, &measurements, &background);
+            assert_eq!(beliefs.iterations, 0);
+            let intensities = [f64::from(clutter.all_per_m), f64::from(clutter.false_alarms_per_m)];
+            let per_m = |z: &Measurement| {
+                let index = measurements.iter().position(|own| own == z).unwrap();
+                density(z, claims[index], direct, intensities)
+            };
+            let alone: f64 = measurements.iter().map(|z| (per_m(z) / intensities[0]).ln()).sum();
+            let exact = Enumeration::new(&features, &measurements, per_m).evidence_nat + alone;
+            worst = worst.max((f64::from(beliefs.evidence_nat) - exact).abs());
+            (least, most) = (least.min(exact), most.max(exact));
+        }
+        std::println!("evidence from {least:.1} to {most:.1} nat: off by {worst:.1e} at most");
+        assert!(worst < 1e-4, "{worst}");
     }
 
     #[test]
@@ -458,6 +557,8 @@ mod tests {
         assert!(found.exact > 0.95 && found.best >= found.exact, "{} {}", found.exact, found.best);
         assert!(found.quantile(0.9) < 1e-6, "{}", found.quantile(0.9));
         assert!(loopy.best < 0.95, "messages alone do as well: {}", loopy.best);
+        assert!(quantile(&found.evidence_nat, 0.9) < 1e-5, "{found:?}");
+        assert!(quantile(&loopy.evidence_nat, 0.5) < 0.5 && quantile(&loopy.evidence_nat, 0.9) < 1.0);
     }
 
     #[test]
@@ -477,8 +578,7 @@ mod tests {
         for range in z {
             measurements.push(measurement(range, base)).unwrap();
         }
-        let density = 1.0 / 30.0;
-        let clutter = Clutter { false_alarms_per_m: density, all_per_m: density };
+        let background = uniform_background(&with(features[0]), &measurements, 1.0 / 30.0);
         let beliefs = associate(&with(features[0]), &others, &measurements, &background);
         let expected =
             [[0.000185, 0.999815, 0.0, 0.0], [0.559434, 0.0, 0.440566, 0.0], [0.444064, 0.0, 0.555936, 0.0]];
@@ -500,7 +600,7 @@ mod tests {
         let direct = Expectation { existence: 1.0, ..expectation(3.0, 0.1) };
         let mut others: Vec<Expectation, 2> = Vec::new();
         others.push(Expectation { existence: 0.5, ..expectation(4.0, 0.1) }).unwrap();
-        let clutter = Clutter { false_alarms_per_m: 0.03, all_per_m: 0.03 };
+        let background = uniform_background(&direct, &Vec::new(), 0.03);
         let beliefs = associate::<2, 4>(&direct, &others, &Vec::new(), &background);
         assert_eq!(beliefs.direct.missed, 1.0);
         let exact = 0.5 * 0.05 / (0.5 * 0.05 + 0.5);

@@ -139,3 +139,145 @@ fn squared_deviations([dx, dy]: [f32; 2], [xx, yx, yy]: [f32; 3], least: f32) ->
     let determinant = larger(xx * yy - yx * yx, LEAST_DETERMINANT);
     (yy * (dx * dx) - 2.0 * (yx * (dx * dy)) + xx * (dy * dy)) / determinant
 }
+
+#[cfg(test)]
+pub(in crate::perceptor::belief) mod tests {
+    use super::*;
+    use crate::config::Config;
+    use std::cell::Cell;
+
+    /// A component that was established, of a tag that stands here.
+    pub fn component(position_m: [f32; 2], std_m: f32, weight_nat: f32) -> Component<2, 1> {
+        let filter = StateFilter::new(Config::default().motion, position_m, std_m, 0.3, 0.0, 0.0);
+        Component { weight_nat, ..Component::established(filter) }
+    }
+
+    /// A component that is walked about, beside a wall along x = 1 and inside an outline that ends at y = 5.
+    struct Walk {
+        component: Component<2, 1>,
+        /// What the wall lets through.
+        through: f32,
+    }
+
+    impl Walk {
+        fn new(through: f32) -> Self {
+            Self { component: component([0.0, 0.0], 0.05, -1.0), through }
+        }
+
+        /// What it has cost so far, nats, once the tag is here.
+        fn to(&mut self, position_m: [f32; 2]) -> f32 {
+            let mut agent = self.component.filter.agent();
+            (agent.mean.x, agent.mean.y) = (position_m[0], position_m[1]);
+            self.component.filter.place(&agent);
+            self.component.hinder(
+                |[from, _], [to, _], _| if (from < 1.0) == (to < 1.0) { 1.0 } else { self.through },
+                |[_, y], _| if y < 5.0 { 1.0 } else { 0.0 },
+            );
+            -1.0 - self.component.weight_nat
+        }
+    }
+
+    fn assert_costs(found: f32, nat: f32) {
+        assert!((found - nat).abs() < 1e-5, "{found} {nat}");
+    }
+
+    #[test]
+    fn a_way_through_a_wall_costs_what_it_says_once() {
+        let wall_nat = -ln(0.06);
+        let mut walk = Walk::new(0.06);
+        assert_costs(walk.to([0.9, 0.0]), 0.0);
+        for x in [1.05, 1.1, 1.3, 2.0, 2.0, 2.5, 4.0] {
+            assert_costs(walk.to([x, 0.0]), wall_nat);
+        }
+        // A wall that nothing is said to pass costs no more than the least.
+        let mut walk = Walk::new(0.0);
+        walk.to([0.9, 0.0]);
+        for x in [1.1, 2.0, 3.0] {
+            assert_costs(walk.to([x, 0.0]), -ln(LEAST_THROUGH));
+        }
+    }
+
+    #[test]
+    fn a_way_that_nobody_decided_is_taken_back_and_one_that_was_stays() {
+        // Too short a way, and one that may be open.
+        for (through, there) in [(0.06, [1.1, 0.0]), (0.4, [2.0, 0.0])] {
+            let mut walk = Walk::new(through);
+            walk.to([0.9, 0.0]);
+            let from_m = walk.component.hindrance.from_m;
+            assert_eq!(from_m, [0.9, 0.0]);
+            for _ in 0..3 {
+                assert_costs(walk.to(there), -ln(through));
+                assert_eq!(walk.component.hindrance.from_m, from_m);
+                assert_costs(walk.to([0.95, 0.0]), 0.0);
+            }
+        }
+        // One that is blocked for certain stays, and the way back costs as much again.
+        let mut walk = Walk::new(0.06);
+        walk.to([0.9, 0.0]);
+        assert_costs(walk.to([1.3, 0.0]), -ln(0.06));
+        assert_eq!(walk.component.hindrance.from_m, [1.3, 0.0]);
+        assert_costs(walk.to([0.9, 0.0]), -2.0 * ln(0.06));
+    }
+
+    #[test]
+    fn outside_of_the_outline_costs_as_long_as_the_tag_is_there() {
+        let mut walk = Walk::new(0.06);
+        for _ in 0..2 {
+            for y in [5.1, 5.2, 6.0, 9.0] {
+                assert_costs(walk.to([0.0, y]), -ln(OUTSIDE));
+            }
+            assert_costs(walk.to([0.0, 4.0]), 0.0);
+        }
+        // Both at once, and the wall stays paid for.
+        assert_costs(walk.to([0.9, 4.0]), 0.0);
+        assert_costs(walk.to([1.2, 6.0]), -ln(OUTSIDE) - ln(0.06));
+        assert_costs(walk.to([1.2, 4.0]), -ln(0.06));
+    }
+
+    #[test]
+    fn hindrances_are_asked_from_where_the_way_began_and_as_well_as_the_tag_is_known() {
+        let mut own = component([2.0, 1.0], 0.25, 0.0);
+        own.hindrance.from_m = [1.0, 1.0];
+        let asked = Cell::new(None);
+        let place = Cell::new(None);
+        own.hinder(
+            |from, to, std_m| {
+                asked.set(Some((from, to, std_m)));
+                1.0
+            },
+            |at, std_m| {
+                place.set(Some((at, std_m)));
+                1.0
+            },
+        );
+        assert_eq!(asked.get(), Some(([1.0, 1.0], [2.0, 1.0], 0.25)));
+        assert_eq!(place.get(), Some(([2.0, 1.0], 0.25)));
+    }
+
+    #[test]
+    fn tags_are_one_where_place_and_motion_agree() {
+        let own = component([0.0, 0.0], 0.5, 0.0).filter.agent();
+        // sqrt(0.5) deviations of the difference, which are 0.5 sqrt 2: half a metre.
+        for (x, is_near) in [(0.499, true), (0.501, false)] {
+            let other = component([x, 0.0], 0.5, 0.0).filter.agent();
+            assert_eq!(is_one(&own, &other), is_near, "{x}: {}", apart(&own, &other));
+            // The same, seen along any axis.
+            let turned = component([-0.6 * x, 0.8 * x], 0.5, 0.0).filter.agent();
+            assert_eq!(is_one(&own, &turned), is_near);
+        }
+        // sqrt(0.7) deviations of the velocities' difference, which are 0.3 sqrt 2.
+        for (v, is_near) in [(0.354, true), (0.356, false)] {
+            let mut other = own;
+            other.mean.w = v;
+            assert_eq!(is_one(&own, &other), is_near, "{v}");
+        }
+        // Correlated positions: d' C^-1 d in f64.
+        let mut skewed = own;
+        (skewed.covariance.m12, skewed.covariance.m21) = (0.2, 0.2);
+        (skewed.mean.x, skewed.mean.y) = (0.7, -0.2);
+        let (xx, yx, yy) = (0.5_f64 + 1e-6, 0.2, 0.5_f64 + 1e-6);
+        let (dx, dy) = (0.7_f64, -0.2_f64);
+        let exact = (yy * dx * dx - 2.0 * yx * dx * dy + xx * dy * dy) / (xx * yy - yx * yx);
+        assert!((f64::from(apart(&own, &skewed)) - exact).abs() < 1e-5, "{exact}");
+    }
+}

@@ -181,6 +181,10 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         for component in &mut self.components {
             component.age = component.age.saturating_add(1);
         }
+        // Splits come first: turned children would take their room, and a component so wide that the circle of a range bends away
+        // from it loses weight to narrower ones in every cycle, wherever the tag is.
+        let widest_m2 = self.settings.split_above_m * self.settings.split_above_m;
+        self.branch(SPLIT_NAT, |component| component.split(widest_m2));
         let turned = probability(self.settings.turns_per_s, unheard_s);
         if turned > 0.0 {
             let speed_m2_s2 = self.speed_m2_s2;
@@ -188,12 +192,10 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 let mut child = component.clone();
                 child.filter.turn(speed_m2_s2, unheard_s);
                 child.weight_nat += ln(turned);
-                component.weight_nat += ln(1.0 - turned);
+                component.weight_nat += ln(larger(1.0 - turned, f32::MIN_POSITIVE));
                 [Some(child), None]
             });
         }
-        let widest_m2 = self.settings.split_above_m * self.settings.split_above_m;
-        self.branch(SPLIT_NAT, |component| component.split(widest_m2));
     }
 
     /// Adds children of the components within so many nats of the best, the heaviest first, as long as there is room for both and
@@ -225,7 +227,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.is_doubtful() || self.heard.is_multiple_of(proposal::EVERY)
     }
 
-    /// Where the arcs of a cycle begin, turns.
+    /// Where the arcs of a cycle begin, as a share of an arc.
     pub fn phase(&self) -> f32 {
         proposal::phase(self.heard)
     }
@@ -338,8 +340,9 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.trusted.remove(slot);
     }
 
+    /// The largest weight, nats. One that is NaN is none.
     fn best_nat(&self) -> f32 {
-        self.components.iter().fold(f32::NEG_INFINITY, |best, component| larger(best, component.weight_nat))
+        self.components.iter().fold(f32::NEG_INFINITY, |best, component| larger(component.weight_nat, best))
     }
 
     /// ln of the sum of all weights.
@@ -359,5 +362,370 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.summary.visit(&mut f);
         f(self.explained);
         f(self.heard as f32);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::proposal::{Landmark, Sweep, propose};
+    use super::*;
+    use crate::config::Config;
+    use crate::model::channel::ChannelPrior;
+    use crate::model::measurement::{Clutter, Measurement};
+    use crate::model::motion::Motion;
+    use crate::model::source::{Sight, Source};
+    use crate::perceptor::association::Mode;
+    use crate::perceptor::association::outcome::associate_scan;
+    use crate::perceptor::expectation::{Detection, Expectations, Prospect, Sighting};
+    use crate::perceptor::scan::Scan;
+
+    const ANCHORS: [[f32; 2]; 3] = [[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]];
+    const CYCLE_S: f32 = 0.1;
+    const STD_M: f32 = 0.05;
+    const DETECTION: f32 = 0.9;
+    const CLUTTER: Clutter = Clutter { all_per_m: 0.05, false_alarms_per_m: 0.02 };
+    const SPEED_M_S: f32 = 1.0;
+
+    fn filter(position_m: [f32; 2], std_m: f32) -> StateFilter<3, 2> {
+        let motion = Motion {
+            acceleration_density_m2_s3: 0.05,
+            velocity_decay_s: 10.0,
+            virtual_anchor_walk_m_sqrt_s: 3e-4,
+            position_std_limit_m: 30.0,
+        };
+        StateFilter::new(motion, position_m, std_m, SPEED_M_S, 0.0, 0.0)
+    }
+
+    /// A belief that hears ranges of some of the anchors, and nothing else.
+    struct Listener<const COMPONENTS: usize> {
+        belief: TagBelief<3, 2, COMPONENTS>,
+        state: u64,
+    }
+
+    impl<const COMPONENTS: usize> Listener<COMPONENTS> {
+        fn new(filter: StateFilter<3, 2>, settings: BeliefSettings, seed: u64) -> Self {
+            Self { belief: TagBelief::new(filter, SPEED_M_S, settings), state: seed }
+        }
+
+        fn uniform(&mut self) -> f32 {
+            self.state =
+                self.state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.state >> 11) as f64 / (1_u64 << 53) as f64) as f32
+        }
+
+        fn normal(&mut self) -> f32 {
+            let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+            radius * (core::f32::consts::TAU * self.uniform()).cos()
+        }
+
+        /// Every anchor is heard nine times of ten, and now and then something else.
+        fn scan(&mut self, anchor: usize, [x, y]: [f32; 2]) -> Scan<4> {
+            let mut scan = Scan::new(anchor, 0, CYCLE_S);
+            let [ax, ay] = ANCHORS[anchor];
+            let range = |range_m| Measurement {
+                range_m,
+                variance_m2: STD_M * STD_M,
+                sinr: 100.0,
+                energy: 1.0,
+                false_alarm: 0.1,
+            };
+            if self.uniform() < DETECTION {
+                let noisy = (x - ax).hypot(y - ay) + STD_M * self.normal();
+                scan.measurements.push(range(noisy)).unwrap();
+            }
+            if self.uniform() < 0.3 {
+                let false_m = 1.0 + 15.0 * self.uniform();
+                scan.measurements.push(range(false_m)).unwrap();
+            }
+            scan
+        }
+
+        /// One cycle in which so many anchors are heard from a tag here. Returns how far off it is believed to be, metres.
+        fn hear(&mut self, anchors: usize, truth_m: [f32; 2]) -> f32 {
+            self.belief.predict(CYCLE_S, Some(CYCLE_S));
+            let scans: std::vec::Vec<Scan<4>> =
+                (0..anchors).map(|anchor| self.scan(anchor, truth_m)).collect();
+            let belief = &mut self.belief;
+            if belief.proposes() {
+                let sweeps: std::vec::Vec<_> = scans
+                    .iter()
+                    .map(|scan| Sweep {
+                        measurements: &scan.measurements,
+                        height_m: 0.0,
+                        bias: (0.0, 0.0),
+                        clutter: CLUTTER,
+                    })
+                    .collect();
+                let landmarks = |sweep: usize| {
+                    let position_m = ANCHORS[sweep];
+                    core::iter::once(Landmark { position_m, covariance_m2: [0.0; 3], detection: DETECTION })
+                };
+                for place in &propose(&sweeps, landmarks, |_, _| 1.0, belief.phase()) {
+                    belief.enter(place, 30.0, CYCLE_S);
+                }
+            }
+            let (mut strong, mut explained) = (0.0, 0.0);
+            for scan in &scans {
+                let anchor = scan.anchor;
+                let sight = Sight { anchor_m: ANCHORS[anchor], height_m: 0.0, height_std_m: 0.0 };
+                let mut best: Option<(f32, f32)> = None;
+                for component in belief.components_mut() {
+                    let prospect = Prospect {
+                        regression: component
+                            .filter
+                            .regress(Source::Direct { anchor }, &sight, None)
+                            .unwrap(),
+                        channel: ChannelPrior::UNKNOWN,
+                        sinr_here: None,
+                        is_unseen_image: false,
+                        availability: 1.0,
+                    };
+                    let detection =
+                        Detection { probability: DETECTION, found: DETECTION, sighting: Sighting::Open };
+                    let expected = Expectations::<1>::new(&prospect, &detection);
+                    let outcome = associate_scan(scan, expected, &[1.0; 4], &CLUTTER, Mode::Soft);
+                    component.weight_nat += outcome.beliefs.evidence_nat;
+                    component.filter.update(outcome.innovations());
+                    if best.is_none_or(|(most, _)| component.weight_nat > most) {
+                        best = Some((component.weight_nat, outcome.unexplained()));
+                    }
+                }
+                belief.reduce();
+                strong += scan.measurements.len() as f32;
+                explained += scan.measurements.len() as f32 - best.unwrap().1;
+            }
+            belief.explain(strong, explained);
+            belief.conclude(|_, _, _| 1.0, |_, _| 1.0, true);
+            let total: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
+            assert!((total - 1.0).abs() < 1e-4 && belief.components().len() <= COMPONENTS, "{total}");
+            let [x, y] = belief.summary().position_m;
+            (x - truth_m[0]).hypot(y - truth_m[1])
+        }
+
+        /// Probability that the tag is within a metre of this place.
+        fn near(&self, [x, y]: [f32; 2]) -> f32 {
+            let near = |own: &&Component<3, 2>| {
+                let [own_x, own_y] = own.filter.position_m();
+                (own_x - x).hypot(own_y - y) < 1.0
+            };
+            self.belief.components().iter().filter(near).map(|own| own.weight_nat.exp()).sum()
+        }
+    }
+
+    #[test]
+    fn a_start_that_is_wrong_by_a_metre_is_put_right() {
+        let mut worst = 0.0_f32;
+        for seed in 0..40 {
+            let truth_m = [4.0, 3.0];
+            let angle = seed as f32 * 2.4;
+            let start = filter([truth_m[0] + angle.cos(), truth_m[1] + angle.sin()], 1.0);
+            let mut listener = Listener::<8>::new(start, BeliefSettings::default(), seed);
+            let errors: std::vec::Vec<f32> = (0..20).map(|_| listener.hear(3, truth_m)).collect();
+            worst = errors[10..].iter().fold(worst, |worst, error| worst.max(*error));
+            assert!(listener.belief.is_sure() && !listener.belief.is_searching());
+        }
+        std::println!("a metre off at the start: {worst:.3} m at most from 1 s to 2 s after it");
+        assert!(worst < 0.25, "{worst}");
+    }
+
+    /// Mean of the largest error within a second of a turn on the heel, over twenty walks, metres.
+    fn after_turn(turns_per_s: f32) -> f32 {
+        let mut sum = 0.0;
+        for seed in 0..20 {
+            let settings = BeliefSettings { turns_per_s, ..BeliefSettings::default() };
+            let mut listener = Listener::<8>::new(filter([1.0, 3.0], 0.3), settings, seed);
+            let mut worst = 0.0_f32;
+            for cycle in 0..50 {
+                let walked = if cycle < 40 { cycle } else { 80 - cycle };
+                let error = listener.hear(3, [1.0 + 0.15 * walked as f32, 3.0]);
+                if cycle >= 40 {
+                    worst = worst.max(error);
+                }
+            }
+            sum += worst;
+        }
+        sum / 20.0
+    }
+
+    #[test]
+    fn a_turn_on_the_heel_is_followed_by_the_child_that_turned() {
+        let (with, without) = (after_turn(BeliefSettings::default().turns_per_s), after_turn(0.0));
+        std::println!(
+            "within a second of a turn: {with:.3} m at most; {without:.3} m where none is expected"
+        );
+        assert!(with < 0.25 && with < 0.7 * without, "{with} {without}");
+    }
+
+    #[test]
+    fn the_mirror_place_is_carried_until_a_third_source_decides() {
+        let (truth_m, mirror_m) = ([4.0, 3.0], [4.0, -3.0]);
+        let (mut least, mut most) = (1.0_f32, 0.0_f32);
+        for seed in 0..20 {
+            let mut listener = Listener::<8>::new(filter([4.0, 0.0], 3.0), BeliefSettings::default(), seed);
+            for _ in 0..20 {
+                listener.hear(2, truth_m);
+            }
+            let [own, other] = [truth_m, mirror_m].map(|place_m| listener.near(place_m));
+            assert!(own + other > 0.95, "{seed}: {own} {other}");
+            (least, most) = (least.min(own.min(other)), most.max(own.min(other)));
+            // Both, and the covariance says so.
+            let summary = *listener.belief.summary();
+            assert!((summary.probability - own.max(other)).abs() < 0.05, "{seed}: {summary:?}");
+            let between = own * other * 36.0;
+            assert!((summary.covariance_m2.m22 - between).abs() < 0.1 * between + 0.1, "{seed}: {summary:?}");
+            let mut error = f32::INFINITY;
+            for _ in 0..15 {
+                error = listener.hear(3, truth_m);
+            }
+            let rest = listener.near(mirror_m);
+            assert!(error < 0.25 && rest < 1e-3, "{seed}: {error} {rest}");
+            assert!(listener.belief.is_sure(), "{seed}");
+        }
+        std::println!("the lighter of both places had a probability of {least:.3} to {most:.3}");
+        assert!(least > 0.01, "{least}");
+    }
+
+    #[test]
+    fn a_tag_that_was_carried_elsewhere_is_found_by_newcomers() {
+        let mut slowest = 0;
+        for seed in 0..20 {
+            let mut listener = Listener::<8>::new(filter([2.0, 2.0], 0.3), BeliefSettings::default(), seed);
+            for _ in 0..10 {
+                listener.hear(3, [2.0, 2.0]);
+            }
+            assert!(listener.belief.is_sure());
+            let cycles = (0..100).take_while(|_| !(listener.hear(3, [8.0, 4.0]) < 0.3)).count();
+            slowest = slowest.max(cycles);
+        }
+        std::println!("carried 6.3 m away: found within {slowest} cycles");
+        assert!(slowest < 50, "{slowest}");
+    }
+
+    #[test]
+    fn a_tag_that_one_anchor_hears_is_somewhere_on_a_circle() {
+        let (mut lies, mut doubtful, mut cycles) = (0, 0, 0);
+        for seed in 0..60 {
+            let mut listener = Listener::<16>::new(filter([5.0, 3.0], 2.0), BeliefSettings::default(), seed);
+            let mut truth_m = [5.0 + 2.0 * listener.normal(), 3.0 + 2.0 * listener.normal()];
+            let angle = core::f32::consts::TAU * listener.uniform();
+            for cycle in 0..60 {
+                truth_m = [truth_m[0] + 0.07 * angle.cos(), truth_m[1] + 0.07 * angle.sin()];
+                let error = listener.hear(1, truth_m);
+                let summary = listener.belief.summary();
+                let is_claimed = summary.probability > 0.9;
+                if cycle >= 10 {
+                    lies +=
+                        u32::from(is_claimed && error > 1.0 && error * error > 9.0 * summary.variance_m2());
+                    doubtful += u32::from(!is_claimed);
+                    cycles += 1;
+                }
+            }
+        }
+        let share = |count: u32| f64::from(count) / f64::from(cycles);
+        std::println!(
+            "one anchor: {:.4} of the cycles lie, {:.3} are in doubt",
+            share(lies),
+            share(doubtful)
+        );
+        assert!(share(lies) < 0.02 && share(doubtful) > 0.8, "{} {}", share(lies), share(doubtful));
+    }
+
+    fn last_error<const COMPONENTS: usize>() -> f32 {
+        let mut listener = Listener::<COMPONENTS>::new(filter([4.3, 3.0], 0.3), BeliefSettings::default(), 3);
+        (0..40).fold(0.0, |_, cycle| listener.hear(3, [4.0 + 0.05 * cycle as f32, 3.0]))
+    }
+
+    #[test]
+    fn few_components_track_what_needs_no_more() {
+        for error in [last_error::<1>(), last_error::<2>(), last_error::<3>(), last_error::<16>()] {
+            assert!(error < 0.2, "{error}");
+        }
+    }
+
+    #[test]
+    fn after_the_longest_gap_every_weight_is_a_number() {
+        for gap_s in [10.0, 100.0, 3600.0] {
+            let walking = |x: f32| {
+                // At constant velocity, as published: nobody slows down.
+                let motion = Motion { velocity_decay_s: f32::INFINITY, ..Config::default().motion };
+                let mut filter = StateFilter::<3, 2>::new(motion, [x, 0.0], 0.1, 0.1, 0.0, 0.0);
+                let mut agent = filter.agent();
+                agent.mean.z = 3.0;
+                filter.place(&agent);
+                filter
+            };
+            let mut belief = TagBelief::<3, 2, 16>::new(walking(0.0), SPEED_M_S, BeliefSettings::default());
+            for x in [200.0, 200.1, 400.0] {
+                belief.components.push(Component::newcomer(walking(x), -8.0)).unwrap();
+            }
+            belief.predict(gap_s, Some(gap_s));
+            belief.conclude(|_, _, _| 1.0, |_, _| 1.0, true);
+            let total: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
+            assert!((total - 1.0).abs() < 1e-4, "{gap_s}: {total}");
+            assert!(belief.components().iter().all(|own| own.weight_nat.is_finite()), "{gap_s}");
+        }
+    }
+
+    #[test]
+    fn a_newcomer_weighs_the_share_of_the_plane_that_it_stands_for() {
+        let settings = BeliefSettings { elsewhere_per_s: 0.01, ..BeliefSettings::default() };
+        let mut belief = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.3), 1.5, settings);
+        let place = Proposal {
+            position_m: [3.0, 4.0],
+            radial: [0.6, 0.8],
+            variance_m2: [0.04, 0.25],
+            evidence_nat: 7.0,
+        };
+        belief.enter(&place, 20.0, 2.0);
+        let own = &belief.components()[1];
+        // 1 - e^-0.02, times 2 pi x 0.2 x 0.5 of 400 square metres.
+        let exact = (0.019_801_33 * 0.628_318_5 / 400.0_f64).ln();
+        assert!((f64::from(own.weight_nat) - exact).abs() < 1e-5);
+        assert_eq!((own.age, own.filter.position_m()), (0, [3.0, 4.0]));
+        let agent = own.filter.agent();
+        // Along the radius and across.
+        let c = own.filter.position_covariance_m2();
+        for ([x, y], variance) in [([0.6, 0.8], 0.04), ([-0.8, 0.6], 0.25)] {
+            assert!((c.m11 * x + c.m12 * y - variance * x).abs() < 1e-6);
+            assert!((c.m21 * x + c.m22 * y - variance * y).abs() < 1e-6);
+        }
+        assert_eq!((agent.covariance.m33, agent.covariance.m44, agent.covariance.m43), (2.25, 2.25, 0.0));
+    }
+
+    #[test]
+    fn a_surface_found_beside_the_leader_is_entered_beside_every_tag() {
+        let mut belief = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.3), 1.0, BeliefSettings::default());
+        let place = Proposal {
+            position_m: [3.0, 4.0],
+            radial: [1.0, 0.0],
+            variance_m2: [0.04; 2],
+            evidence_nat: 0.0,
+        };
+        belief.enter(&place, 20.0, 1.0);
+        let gain = Matrix2::new(0.5, 0.2, -0.3, 0.9);
+        let own = Matrix2::new(0.01, 0.002, 0.002, 0.02);
+        belief.discover(1, Vector2::new(7.0, 8.0), &gain, &own);
+        let expected = Vector2::new(7.0 + 0.5 * 3.0 + 0.2 * 4.0, 8.0 - 0.3 * 3.0 + 0.9 * 4.0);
+        for (component, expected) in belief.components().iter().zip([Vector2::new(7.0, 8.0), expected]) {
+            let (_, state, c) = component.filter.surface(1).unwrap();
+            assert!((state - expected).abs().max() < 1e-5, "{state} {expected}");
+            let exact = gain * component.filter.position_covariance_m2() * gain.transpose() + own;
+            assert!((c - exact).abs().max() < 1e-6);
+        }
+        assert!(belief.trusted().surface(1).is_some());
+        // The leader moves it, the others follow only in what it is; then it is gone in all.
+        let moved = crate::model::surface::Surface::Wall(crate::model::surface::Line {
+            centre_m: [1.0, 1.0],
+            normal: [1.0, 0.0],
+        });
+        let slopes = Matrix2::identity();
+        let revised = belief.revise(|leader| leader.rebase(1, moved, Vector2::zeros(), &slopes).then_some(5));
+        assert_eq!(revised, Some(5));
+        let mut states = belief.components().iter().map(|own| &own.filter).chain([belief.trusted()]);
+        assert!(states.all(|own| own.surface(1).is_some_and(|(surface, ..)| surface == moved)));
+        drop(states);
+        belief.remove(1);
+        assert!(belief.components().iter().all(|own| own.filter.surface(1).is_none()));
+        assert!(belief.trusted().surface(1).is_none());
     }
 }

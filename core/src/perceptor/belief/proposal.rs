@@ -22,7 +22,7 @@ pub const EARLIEST: usize = 2;
 pub const PROPOSED: usize = 4;
 /// Tuned: where the tag is known, places are proposed in every so manieth cycle heard all the same.
 pub const EVERY: u32 = 5;
-/// Tuned: ranges that false alarms are so probable of are not tried: their density over that of all.
+/// Tuned: paths of which false alarms are so probable are not tried: their density over that of all.
 pub const STRONG: f32 = 0.6;
 /// Tuned: below this such density a path is strong, and one that nothing explains raises doubt.
 pub const WEAK: f32 = 0.3;
@@ -101,7 +101,7 @@ pub fn propose<'a, const PATHS: usize, L: Iterator<Item = Landmark>>(
             let mut next: Option<&Measurement> = None;
             for measurement in sweep.measurements {
                 if measurement.range_m > after_m
-                    && measurement.false_alarm < STRONG
+                    && measurement.is_strong(STRONG)
                     && next.is_none_or(|next| measurement.range_m < next.range_m)
                 {
                     next = Some(measurement);
@@ -198,4 +198,247 @@ fn weigh<const PATHS: usize>(
         }
     }
     evidence_nat
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+
+    const CLUTTER: Clutter = Clutter { all_per_m: 0.2, false_alarms_per_m: 0.03 };
+    /// Two anchors, and the image of the first in a wall along y = 6.
+    const ANCHORS: [[f32; 2]; 2] = [[0.0, 0.0], [9.0, 1.0]];
+    const IMAGE: [f32; 2] = [0.0, 12.0];
+    const STD_M: f32 = 0.05;
+
+    /// Evenly distributed from 0 to 1, and a normal variable.
+    fn uniform(state: &mut u64) -> f64 {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn normal(state: &mut u64) -> f32 {
+        let radius = (-2.0 * (1.0 - uniform(state)).ln()).sqrt();
+        (radius * (std::f64::consts::TAU * uniform(state)).cos()) as f32
+    }
+
+    fn measurement(range_m: f32, false_alarm: f32) -> Measurement {
+        Measurement { range_m, variance_m2: STD_M * STD_M, sinr: 100.0, energy: 1.0, false_alarm }
+    }
+
+    fn landmarks(sweep: usize) -> impl Iterator<Item = Landmark> {
+        let direct = Landmark { position_m: ANCHORS[sweep], covariance_m2: [0.0; 3], detection: 0.9 };
+        let image = Landmark { position_m: IMAGE, covariance_m2: [0.01, 0.002, 0.02], detection: 0.5 };
+        core::iter::once(direct).chain((sweep == 0).then_some(image))
+    }
+
+    fn distance([ax, ay]: [f32; 2], [bx, by]: [f32; 2]) -> f32 {
+        (ax - bx).hypot(ay - by)
+    }
+
+    /// What both anchors deliver of a tag here, with one weak false alarm each.
+    fn scans(place_m: [f32; 2], state: &mut u64) -> [Vec<Measurement, 4>; 2] {
+        let mut scans = [Vec::new(), Vec::new()];
+        for (scan, anchor) in scans.iter_mut().zip(ANCHORS) {
+            let noisy = distance(place_m, anchor) + STD_M * normal(state);
+            scan.push(measurement(noisy, 1e-4)).unwrap();
+            scan.push(measurement(1.0 + 14.0 * uniform(state) as f32, 0.9)).unwrap();
+        }
+        let noisy = distance(place_m, IMAGE) + STD_M * normal(state);
+        scans[0].push(measurement(noisy, 0.1)).unwrap();
+        scans
+    }
+
+    fn sweeps(scans: &[Vec<Measurement, 4>; 2]) -> [Sweep<'_, 4>; 2] {
+        let sweep = |measurements| Sweep { measurements, height_m: 0.0, bias: (0.0, 0.0), clutter: CLUTTER };
+        [sweep(&scans[0]), sweep(&scans[1])]
+    }
+
+    /// Whether a place is within three deviations of a proposal.
+    fn covers(proposal: &Proposal, [x, y]: [f32; 2]) -> bool {
+        let ([px, py], [ux, uy], [along, across]) =
+            (proposal.position_m, proposal.radial, proposal.variance_m2);
+        let (dx, dy) = (x - px, y - py);
+        let (a, b) = (ux * dx + uy * dy, ux * dy - uy * dx);
+        a * a / along + b * b / across < 9.0
+    }
+
+    #[test]
+    fn the_true_place_is_among_the_proposals() {
+        let mut state = 3;
+        let (mut found, mut first) = (0, 0);
+        for cycle in 0..200 {
+            let place_m =
+                [(-3.0 + 14.0 * uniform(&mut state)) as f32, (-5.0 + 10.5 * uniform(&mut state)) as f32];
+            let scans = scans(place_m, &mut state);
+            let places = propose(&sweeps(&scans), landmarks, |_, _| 1.0, phase(cycle));
+            found += usize::from(places.iter().any(|place| covers(place, place_m)));
+            let best = places.iter().max_by(|a, b| a.evidence_nat.total_cmp(&b.evidence_nat)).unwrap();
+            first += usize::from(covers(best, place_m));
+        }
+        std::println!("of 200 places, {found} were among the proposals, {first} the best one");
+        assert!(found >= 190, "{found}");
+    }
+
+    #[test]
+    fn no_more_arcs_are_weighed_than_their_number_and_no_more_places_proposed() {
+        let mut state = 4;
+        let weighed = Cell::new(0);
+        let count = |scans: &[Vec<Measurement, 4>; 2]| {
+            weighed.set(0);
+            let inside = |_, _| {
+                weighed.set(weighed.get() + 1);
+                1.0
+            };
+            let places = propose(&sweeps(scans), landmarks, inside, 0.3);
+            (weighed.get(), places.len())
+        };
+        let usual = scans([3.0, 2.0], &mut state);
+        // Two strong ranges of the first anchor, one of the second; weak ones are not tried.
+        assert_eq!(count(&usual), (3 * ARCS, PROPOSED));
+        let mut many = [Vec::new(), Vec::new()];
+        for scan in &mut many {
+            for range_m in [7.0, 3.0, 9.0, 5.0] {
+                scan.push(measurement(range_m, 1e-4)).unwrap();
+            }
+        }
+        assert_eq!(count(&many), (2 * EARLIEST * ARCS, PROPOSED));
+        assert_eq!(count(&[Vec::new(), Vec::new()]), (0, 0));
+        let mut weak = usual;
+        weak.iter_mut().flatten().for_each(|measurement| measurement.false_alarm = STRONG);
+        assert_eq!(count(&weak), (0, 0));
+        // Of ranges, no strength is known: they are tried.
+        weak[1][0].sinr = 0.0;
+        assert_eq!(count(&weak), (ARCS, PROPOSED));
+    }
+
+    #[test]
+    fn places_lie_on_the_circles_of_the_two_shortest_strong_ranges() {
+        let mut one: Vec<Measurement, 4> = Vec::new();
+        for range_m in [7.0, 3.0, 5.0] {
+            one.push(measurement(range_m, 1e-4)).unwrap();
+        }
+        let sweep = Sweep { measurements: &one, height_m: 1.0, bias: (0.2, 0.0), clutter: CLUTTER };
+        let places = propose(&[sweep], |_| landmarks(1), |_, _| 1.0, 0.7);
+        assert_eq!(places.len(), PROPOSED);
+        for place in &places {
+            let radius = distance(place.position_m, ANCHORS[1]);
+            let slant = (radius * radius + 1.0).sqrt() + 0.2;
+            assert!((slant - 3.0).abs() < 1e-5 || (slant - 5.0).abs() < 1e-5, "{slant}");
+            let [ux, uy] = place.radial;
+            assert!((ux * radius + ANCHORS[1][0] - place.position_m[0]).abs() < 1e-5);
+            assert!((uy * radius + ANCHORS[1][1] - place.position_m[1]).abs() < 1e-5);
+            // Of a uniform distribution along the arc.
+            let arc = TAU * radius / ARCS as f32;
+            assert!((place.variance_m2[1] - arc * arc / 12.0).abs() < 1e-5);
+        }
+        // A range that is shorter than the anchor is high proposes nothing.
+        let low = Sweep { height_m: 5.0, ..sweep };
+        assert!(propose(&[low], |_| landmarks(1), |_, _| 1.0, 0.7).is_empty());
+    }
+
+    /// L of the module's description, in f64.
+    fn evidence(place: &Proposal, scans: &[Vec<Measurement, 4>; 2]) -> f64 {
+        let mut sum = 0.0;
+        for (sweep, measurements) in scans.iter().enumerate() {
+            let place_m2 = f64::from(place.variance_m2[1]);
+            let [x, y] = place.position_m.map(f64::from);
+            let mut nu = std::vec![1.0; measurements.len()];
+            let mut direct: Option<(f64, f64)> = None;
+            for landmark in landmarks(sweep) {
+                let [lx, ly] = landmark.position_m.map(f64::from);
+                let [xx, yx, yy] = landmark.covariance_m2.map(f64::from);
+                let range = (x - lx).hypot(y - ly);
+                let (ux, uy) = ((x - lx) / range, (y - ly) / range);
+                let own = place_m2 + ux * ux * xx + 2.0 * ux * uy * yx + uy * uy * yy;
+                let (direct_m, direct_m2) = *direct.get_or_insert((range, own));
+                let per_m = |z: &Measurement| {
+                    let deviation = (direct_m2 + f64::from(z.variance_m2)).sqrt();
+                    let later = 1.0 / (1.0 + (-1.702 * (f64::from(z.range_m) - direct_m) / deviation).exp());
+                    0.03 * f64::from(z.false_alarm) + 0.17 * later
+                };
+                if range == direct_m {
+                    sum += measurements.iter().map(|z| (per_m(z) / 0.2).ln()).sum::<f64>();
+                }
+                if range < direct_m - f64::from(ALONG_M) {
+                    continue;
+                }
+                let q = f64::from(landmark.detection);
+                let terms: std::vec::Vec<f64> = measurements
+                    .iter()
+                    .zip(&nu)
+                    .map(|(z, nu)| {
+                        let s = own + f64::from(z.variance_m2);
+                        let squared = (f64::from(z.range_m) - range).powi(2) / s;
+                        let density = (-0.5 * squared).exp() / (std::f64::consts::TAU * s).sqrt();
+                        if squared < f64::from(GATE2) { q * nu * density / per_m(z) } else { 0.0 }
+                    })
+                    .collect();
+                let seen: f64 = terms.iter().sum();
+                let all = 1.0 - q + seen;
+                sum += all.ln();
+                if seen > f64::from(LEAST_EVIDENCE) * all {
+                    nu.iter_mut().zip(&terms).for_each(|(nu, term)| *nu *= 1.0 - term / all);
+                }
+            }
+        }
+        sum
+    }
+
+    #[test]
+    fn evidence_is_that_of_the_features_one_by_one() {
+        let mut state = 5;
+        let mut worst = 0.0_f64;
+        for _ in 0..500 {
+            let place_m = [(9.0 * uniform(&mut state)) as f32, (5.0 * uniform(&mut state)) as f32];
+            let scans = scans(place_m, &mut state);
+            for place in &propose(&sweeps(&scans), landmarks, |_, _| 0.25, uniform(&mut state) as f32) {
+                let exact = evidence(place, &scans) + 0.25_f64.ln();
+                worst = worst.max((f64::from(place.evidence_nat) - exact).abs());
+            }
+        }
+        assert!(worst < 1e-3, "{worst}");
+    }
+
+    #[test]
+    fn the_best_places_are_kept() {
+        let mut state = 6;
+        for count in [2, 4, 5, 100] {
+            let mut best = Vec::new();
+            let mut all: std::vec::Vec<f32> = (0..count).map(|_| normal(&mut state)).collect();
+            for evidence_nat in &all {
+                let evidence_nat = *evidence_nat;
+                let place = Proposal {
+                    position_m: [0.0; 2],
+                    radial: [1.0, 0.0],
+                    variance_m2: [1.0; 2],
+                    evidence_nat,
+                };
+                keep(&mut best, place);
+            }
+            all.sort_by(|a, b| b.total_cmp(a));
+            let mut kept: std::vec::Vec<f32> = best.iter().map(|place| place.evidence_nat).collect();
+            kept.sort_by(|a, b| b.total_cmp(a));
+            assert_eq!(kept, all[..count.min(PROPOSED)]);
+        }
+    }
+
+    #[test]
+    fn arcs_of_one_cycle_after_the_other_are_spread_evenly() {
+        let phases: std::vec::Vec<f32> = (0..1024).map(phase).collect();
+        assert!(phases.iter().all(|phase| (0.0..1.0).contains(phase)));
+        // Three distances (Sós 1958): the largest of n is below golden^-2 / n, and never far above the mean.
+        let mut worst = 0.0_f32;
+        for begin in [0, 100, 900] {
+            for count in 1..=124 {
+                let mut some = phases[begin..begin + count].to_vec();
+                some.sort_by(f32::total_cmp);
+                let around = some[0] + 1.0 - some[count - 1];
+                let largest = some.windows(2).map(|pair| pair[1] - pair[0]).fold(around, f32::max);
+                worst = worst.max(largest * count as f32);
+            }
+        }
+        assert!(worst < 2.62, "{worst}");
+        assert_eq!(phase(1024 + 7), phase(7));
+    }
 }

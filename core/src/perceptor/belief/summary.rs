@@ -92,3 +92,72 @@ impl Summary {
         self.covariance_m2.iter().for_each(|v| f(*v));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::component::tests::component;
+    use super::*;
+    use crate::real::ln;
+
+    fn assert_near(found: f32, exact: f32, what: &str) {
+        assert!((found - exact).abs() < 1e-5, "{what}: {found} {exact}");
+    }
+
+    #[test]
+    fn two_places_are_the_heavier_one_and_the_covariance_of_both() {
+        for swap in [false, true] {
+            let heavy = component([1.0, 2.0], 0.1, ln(0.6));
+            let light = component([4.0, 6.0], 0.2, ln(0.4));
+            let found = Summary::of(&if swap { [light, heavy] } else { [heavy, light] });
+            assert_near(found.probability, 0.6, "probability");
+            assert_eq!(found.position_m, [1.0, 2.0]);
+            // Within: 0.6 x 0.01 + 0.4 x 0.04; between: 0.6 x 0.4 of (3, 4) (3, 4)'.
+            let exact = Matrix2::new(0.022 + 0.24 * 9.0, 0.24 * 12.0, 0.24 * 12.0, 0.022 + 0.24 * 16.0);
+            for (found, exact) in found.covariance_m2.iter().zip(exact.iter()) {
+                assert_near(*found, *exact, "covariance");
+            }
+            assert_near(found.variance_m2(), 0.044 + 0.24 * 25.0, "variance");
+        }
+    }
+
+    #[test]
+    fn a_place_of_many_components_outweighs_the_heaviest_one_elsewhere() {
+        let offsets = [-0.05_f32, 0.0, 0.1];
+        let mut all: std::vec::Vec<_> = offsets.map(|x| component([x, 0.0], 0.05, ln(0.2))).into();
+        all.push(component([5.0, 0.0], 0.05, ln(0.4)));
+        let found = Summary::of(&all);
+        assert_near(found.probability, 0.6, "probability");
+        assert_near(found.position_m[0], 0.05 / 3.0, "x");
+        assert_near(found.position_m[1], 0.0, "y");
+        // Alone it is certain.
+        for own in &mut all {
+            own.weight_nat = ln(1.0 / 3.0);
+        }
+        let found = Summary::of(&all[..3]);
+        assert_near(found.probability, 1.0, "probability");
+        assert_near(found.position_m[0], 0.05 / 3.0, "x");
+        let mean = 0.05_f32 / 3.0;
+        let spread = offsets.iter().map(|x| (x - mean) * (x - mean)).sum::<f32>() / 3.0;
+        assert_near(found.covariance_m2.m11, 0.0025 + spread, "covariance");
+        assert_near(found.covariance_m2.m22, 0.0025, "covariance");
+    }
+
+    #[test]
+    fn what_is_near_depends_on_how_well_the_component_is_known() {
+        // sqrt(0.09 + 2 (0.04 + 0.04)): half a metre.
+        for (x, probability) in [(0.499, 1.0), (0.501, 0.7)] {
+            let own = component([0.0, 0.0], 0.2, ln(0.7));
+            let other = component([x, 0.0], 0.01, ln(0.3));
+            assert_near(Summary::of(&[own, other]).probability, probability, "probability");
+        }
+    }
+
+    #[test]
+    fn of_one_component_it_is_that_component() {
+        let own = component([3.0, -1.0], 0.4, 0.0);
+        let (all, one) = (Summary::of(core::slice::from_ref(&own)), Summary::of_one(&own.filter.agent()));
+        assert_eq!(all, one);
+        assert_eq!((one.probability, one.position_m), (1.0, [3.0, -1.0]));
+        assert_near(one.variance_m2(), 0.32, "variance");
+    }
+}

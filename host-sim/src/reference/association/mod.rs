@@ -48,6 +48,13 @@ pub struct Measurement<T> {
     pub false_alarm: T,
 }
 
+impl<T: Real> Measurement<T> {
+    /// Whether false alarms so strong have less than this density, of all of them; a range may be anything.
+    pub fn is_strong(&self, density: f32) -> bool {
+        self.sinr == T::ZERO || self.false_alarm < T::of(density)
+    }
+}
+
 /// What is expected of a feature.
 #[derive(Clone, Copy, Debug)]
 pub struct Expectation<T> {
