@@ -320,10 +320,10 @@ fn configurations_out_of_range_are_refused() {
     refuse(|c| c.estimator.dense_decay_pulses = 0.0, Setting::DenseDecay);
     refuse(|c| c.estimator.strong_sinr = 1.0, Setting::StrongSinr);
     refuse(|c| c.estimator.merge_pulses = f32::NAN, Setting::MergeDistance);
-    refuse(|c| c.acquisition.newcomer_weight = 0.0, Setting::NewcomerWeight);
-    refuse(|c| c.acquisition.settled_weight = 1.0, Setting::SettledWeight);
-    refuse(|c| c.acquisition.settled_cycles = 0, Setting::SettledCycles);
-    refuse(|c| c.acquisition.settled_within_m = 0.0, Setting::SettledWithin);
+    refuse(|c| c.belief.elsewhere_per_s = 0.0, Setting::Elsewhere);
+    refuse(|c| c.belief.split_above_m = 0.0, Setting::SplitAbove);
+    refuse(|c| c.belief.dropped_nat = 0.0, Setting::Dropped);
+    refuse(|c| c.belief.sure_probability = 1.0, Setting::SureProbability);
     refuse(|c| c.discovery_settings.begin_below_m = 2.0, Setting::DiscoveryBegin);
     refuse(|c| c.discovery_settings.resolved_hits = 1, Setting::DiscoveryHits);
     refuse(|c| c.discovery_settings.resolved_weight = 1.0, Setting::DiscoveryWeight);

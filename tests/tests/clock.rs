@@ -71,7 +71,7 @@ fn cycle(tracker: &mut Small, ranges: &[(usize, Range)], elapsed_s: f32) -> bool
         })
         .collect();
     let report = tracker.cycle(&scans, elapsed_s, None).unwrap();
-    report.acquiring
+    report.searching
 }
 
 /// Means and deviations of [x, y, u, v].
@@ -172,7 +172,7 @@ fn what_is_discovered_does_not_depend_on_empty_cycles() {
                 let scans = [0, 1]
                     .map(|anchor: usize| Observation::Ranges(RangeScan { anchor, ranges: &anchors[anchor] }));
                 let report = tracker.cycle(&scans, elapsed_s, None).unwrap();
-                (report.acquiring, tracker.filter().agent())
+                (report.searching, tracker.filter().agent())
             };
             seconds.iter().map(second).collect()
         };
@@ -356,7 +356,7 @@ fn silent_hour(velocity_decay_s: f32, period_s: f32) -> ([f64; 2], f64, [f64; 2]
         let place = [START_M[0] + 0.8 * along, START_M[1] + 0.6 * along];
         cycle(&mut tracker, &measured(place, &mut noise), 0.1);
     }
-    assert!(tracker.acquisition().is_none(), "it was followed");
+    assert!(!tracker.belief().is_searching(), "it was followed");
     let lost_m = tracker.filter().position_m().map(f64::from);
     let [u, v] = tracker.filter().velocity_m_s().map(f64::from);
     let mut widest_m = 0.0_f64;

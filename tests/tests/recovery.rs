@@ -95,10 +95,10 @@ fn a_tag_that_is_carried_off_unheard_is_found_within_ten_scans_with_and_without_
 fn a_tag_that_is_heard_is_not_said_to_be_lost() {
     for seed in 1..=10 {
         let run = run(&SlamRanges::default().record(seed), seed);
-        let acquired = run.steps.iter().position(|step| !step.report.acquiring).unwrap();
+        let acquired = run.steps.iter().position(|step| !step.report.searching).unwrap();
         assert!(acquired < 100, "seed {seed}: {acquired}");
         for step in &run.steps[acquired..] {
-            assert!(!step.report.lost && !step.report.acquiring, "seed {seed}, cycle {}", step.report.cycle);
+            assert!(!step.report.lost && !step.report.searching, "seed {seed}, cycle {}", step.report.cycle);
         }
     }
 }

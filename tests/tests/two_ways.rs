@@ -101,7 +101,7 @@ fn observations_one_by_one_in_any_order_give_the_bits_of_all_at_once() {
                 assert_eq!(by_observation.hash(), at_once.hash(), "{place}");
                 left_out += report.left_out;
             }
-            assert!(at_once.acquisition().is_none(), "{}: more than acquisition was seen", recording.name);
+            assert!(!at_once.belief().is_searching(), "{}: more than a search was seen", recording.name);
         }
         let mixed = recording.cycles.iter().any(|cycle| !cycle.ranges.is_empty());
         assert_eq!(left_out > 0, mixed, "{}: full scans were seen", recording.name);
@@ -279,7 +279,7 @@ fn frames_of_unequal_pulses_give_the_same_bits_in_any_order() {
     config.controller.per_anchor = true;
     config.controller.choice.exploration_per_s = 5.0;
     config.start.position_m = [4.0, 3.0];
-    let new = || Tracker::<2, 4, 4, 1, 8, 3>::new(config, &anchors, &Map::default(), &actions, 5).unwrap();
+    let new = || Tracker::<2, 4, 4, 1, 8, 3, 8>::new(config, &anchors, &Map::default(), &actions, 5).unwrap();
     let (mut at_once, mut one_by_one) = (new(), new());
     let mut rng = Xoshiro128PlusPlus::seed_from_u64(9);
     let mut unequal = 0;
