@@ -3,6 +3,7 @@
 
 use cogmint::reference::association as twin;
 use cogmint_core::model::measurement::{Clutter, Measurement};
+use cogmint_core::perceptor::association::background::Background;
 use cogmint_core::perceptor::association::{Joint, associate};
 use cogmint_core::perceptor::expectation::Expectation;
 use heapless::Vec;
@@ -45,7 +46,8 @@ fn core_and_twin_agree_in_every_bit() {
         // What candidates claim makes a measurement more probable, by anything from nothing to a lot.
         let claims: [f32; PATHS] =
             std::array::from_fn(|_| if uniform() < 0.5 { 1.0 } else { 1.0 / (1e-3 + uniform()) });
-        let ours = associate(&direct, &virtual_anchors, &scan, &claims, &clutter);
+        let background = Background::new(&scan, &direct, &clutter, &claims);
+        let ours = associate(&direct, &virtual_anchors, &scan, &background);
 
         let plain = |feature: &Expectation| twin::Expectation {
             range_m: feature.range_m,
@@ -71,6 +73,7 @@ fn core_and_twin_agree_in_every_bit() {
         let theirs = twin::associate(&features, &measurements, &claims, &clutter);
 
         assert_eq!(ours.iterations, theirs.iterations, "problem {problem}");
+        assert_eq!(ours.evidence_nat.to_bits(), theirs.evidence_nat.to_bits(), "problem {problem}");
         for (ours, theirs) in ours.features().zip(&theirs.features) {
             assert_eq!(ours.joint, theirs.joint, "problem {problem}");
             *(if ours.joint == Joint::Unknown { &mut loopy } else { &mut exact }) += 1;

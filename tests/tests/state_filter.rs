@@ -314,7 +314,12 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 let moments = Moments { weight, first_m, second_m2 };
                 ours.push(Innovation { regression: line, moments, variance_m2, alike_m2: 0.0 });
                 let moments = soft_update::Moments { weight, first_m, second_m2 };
-                theirs.push(twin::Innovation { regression: reference_line, moments, variance_m2 });
+                theirs.push(twin::Innovation {
+                    regression: reference_line,
+                    moments,
+                    variance_m2,
+                    alike_m2: 0.0,
+                });
             }
             filter.update(ours);
             reference.update(&theirs);
