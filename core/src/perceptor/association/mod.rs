@@ -4,7 +4,9 @@
 //! rise to at most one measurement and each measurement comes from at most one feature; the rest is clutter. A
 //! joint association b has the probability ~ prod_k psi_{k, b_k}, with
 //!
-//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / lambda, 0 beyond the gate.
+//! psi_k0 = r_k (1 - Pd) + 1 - r_k, psi_km = r_k Pd N(z_m; mean_k, S_km) / lambda_m, 0 beyond the gate,
+//!
+//! lambda_m being the density of the background at the measurement ([`background`]).
 //!
 //! Features that compete for measurements form clusters, each a problem of its own. A cluster is solved exactly
 //! (marginals and the most probable joint association) as long as the fixed memory suffices, which covers all of
@@ -15,7 +17,7 @@
 //! a map that is wrong would then explain away that the tag is elsewhere.
 //!
 //! The sum over all joint associations is the evidence of the scan for the place that it was compared at, of loopy clusters by
-//! Bethe's approximation. It is relative to that of clutter alone, which is the same for all places.
+//! Bethe's approximation. It is relative to clutter of the usual density, which is the same for all places.
 
 pub mod background;
 pub mod belief_propagation;

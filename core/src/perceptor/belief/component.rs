@@ -6,15 +6,15 @@ use crate::real::{larger, ln, sqrt};
 
 /// Guard: against a plan believed to the letter: least probability of a way through a wall.
 pub const LEAST_THROUGH: f32 = 0.05;
-/// Guard: against the same: least probability that the tag is outside the outline told.
+/// Guard: against an outline believed to the letter: least probability of a place outside.
 pub const OUTSIDE: f32 = 1e-3;
-/// Tuned: against a way that nobody decided: so long is it at least, metres.
+/// Tuned: against deciding from the noise of the position: a way shorter than this is not decided yet, metres.
 pub const SHORTEST_WAY_M: f32 = 0.3;
-/// Mathematics: a way is open or blocked where its probability is this sure, as ln: 0.9,
+/// Tuned: ln of the probability above which a way is open for certain,
 pub const OPEN_NAT: f32 = -0.1;
-/// Mathematics: or nearly the least.
+/// Tuned: and below which it is blocked for certain, little above ln [`LEAST_THROUGH`].
 pub const BLOCKED_NAT: f32 = -2.5;
-/// Tuned: components are one where their positions are nearer than this, as squared deviations of their difference,
+/// Tuned: two components are one where their positions are nearer than this, in squared deviations of their difference,
 pub const ONE_PLACE: f32 = 0.5;
 /// Tuned: and their velocities nearer than this.
 pub const ONE_VELOCITY: f32 = 0.7;

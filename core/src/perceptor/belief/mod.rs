@@ -643,6 +643,40 @@ mod tests {
     }
 
     #[test]
+    fn children_share_the_weight_of_their_parents_and_leave_room_for_newcomers() {
+        let settings = BeliefSettings::default();
+        let mut narrow = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.05), SPEED_M_S, settings);
+        narrow.predict(0.1, Some(0.1));
+        let weights: std::vec::Vec<f32> =
+            narrow.components().iter().map(|own| own.weight_nat.exp()).collect();
+        // 1 - e^-0.02: nobody turned, or somebody did.
+        assert_eq!(weights.len(), 2);
+        assert!((weights[1] - 0.019_801_3).abs() < 1e-6 && (weights[0] - 0.980_198_7).abs() < 1e-6);
+        assert_eq!(narrow.components()[1].filter.velocity_m_s(), [0.0, 0.0]);
+        // Where nothing is heard, nobody is known to have turned.
+        let mut unheard = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, settings);
+        unheard.predict(0.1, None);
+        assert_eq!((unheard.components().len(), unheard.components()[0].age), (1, u16::MAX));
+        // Split in three, two of which turned: two children would take the quarter of the slots that stays free.
+        let mut wide = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, settings);
+        for count in [5, 5] {
+            wide.predict(0.1, Some(0.1));
+            assert_eq!(wide.components().len(), count);
+            assert!(wide.total_nat().abs() < 1e-5, "{}", wide.total_nat());
+        }
+        for count in [6, 7, 8, 8] {
+            let place = Proposal {
+                position_m: [3.0, 4.0],
+                radial: [1.0, 0.0],
+                variance_m2: [0.04; 2],
+                evidence_nat: 0.0,
+            };
+            wide.enter(&place, 20.0, 1.0);
+            assert_eq!(wide.components().len(), count);
+        }
+    }
+
+    #[test]
     fn after_the_longest_gap_every_weight_is_a_number() {
         for gap_s in [10.0, 100.0, 3600.0] {
             let walking = |x: f32| {

@@ -20,7 +20,7 @@ pub const ARCS: usize = 16;
 pub const EARLIEST: usize = 2;
 /// Capacity: places that a cycle proposes.
 pub const PROPOSED: usize = 4;
-/// Tuned: where the tag is known, places are proposed in every so manieth cycle heard all the same.
+/// Tuned: where the tag is known, places are still proposed once in so many cycles in which anything is heard.
 pub const EVERY: u32 = 5;
 /// Tuned: paths of which false alarms are so probable are not tried: their density over that of all.
 pub const STRONG: f32 = 0.6;
@@ -38,7 +38,8 @@ pub const GOLDEN: f32 = 0.618_034;
 pub const GATE2: f32 = 12.0;
 /// Guard: against ln 0.
 pub const LEAST_INSIDE: f32 = 1e-3;
-/// Guard: against work: a feature below this share of the evidence takes no part of any measurement.
+/// Guard: against work on what hardly counts: a feature whose measurements are below this share of its evidence leaves them to
+/// the later ones as they are.
 pub const LEAST_EVIDENCE: f32 = 0.1;
 
 /// A place that the tag may be at.

@@ -39,7 +39,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         order
     }
 
-    /// Merges what is one and keeps the heaviest: half as many as there may be components, and a quarter of newcomers.
+    /// Merges what is one and keeps the heaviest: established ones in half of the slots and newcomers in a quarter, each rounded
+    /// up.
     #[inline(never)]
     pub fn reduce(&mut self) {
         let order = self.order();
@@ -117,7 +118,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     }
 }
 
-/// Half of it, at least 1.
+/// Half of it, rounded up, at least 1.
 fn larger_half(count: usize) -> usize {
     count.div_ceil(2).max(1)
 }
