@@ -168,13 +168,16 @@ impl<
 
         observer.stage(Stage::Update);
         let was_searching = belief.is_searching();
-        belief.explain(explained.strong, explained.known);
-        let barrier = &walls_now(plan, belief.leader(), environment, |_| 0.0);
-        belief.conclude(
-            |from_m, to_m, std_m| barrier.paths(from_m, to_m, std_m).direct(),
-            |place_m, std_m| plan.inside(place_m, std_m),
-            is_heard,
-        );
+        if is_heard {
+            belief.explain(explained.strong, explained.known);
+            let barrier = &walls_now(plan, belief.leader(), environment, |_| 0.0);
+            belief.conclude(
+                |from_m, to_m, std_m| barrier.paths(from_m, to_m, std_m).direct(),
+                |place_m, std_m| plan.inside(place_m, std_m),
+            );
+        } else {
+            belief.sum_up();
+        }
         let posterior = belief.leader().agent();
         let has_leapt = apart(&predicted, &posterior) > LEAPT;
         if has_leapt {

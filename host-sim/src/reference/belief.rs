@@ -278,6 +278,17 @@ impl<T: Real> Belief<T> {
         }
         kept.sort_unstable();
         self.components = kept.into_iter().map(|index| self.components[index].clone()).collect();
+        if self.components.is_empty() {
+            let filter = self.trusted.clone();
+            let from_m = filter.position_m();
+            self.components.push(Component {
+                filter,
+                weight_nat: T::ZERO,
+                age: u16::MAX,
+                from_m,
+                hindrance_nat: T::ZERO,
+            });
+        }
         self.leader = self.order()[0];
     }
 
@@ -296,12 +307,7 @@ impl<T: Real> Belief<T> {
     }
 
     /// Ends a cycle. `through` and `inside` as in the core.
-    pub fn conclude(
-        &mut self,
-        through: impl Fn([T; 2], [T; 2], T) -> T,
-        inside: impl Fn([T; 2], T) -> T,
-        is_heard: bool,
-    ) {
+    pub fn conclude(&mut self, through: impl Fn([T; 2], [T; 2], T) -> T, inside: impl Fn([T; 2], T) -> T) {
         for component in &mut self.components {
             component.hinder(&through, &inside);
         }
@@ -316,13 +322,13 @@ impl<T: Real> Belief<T> {
         }
         self.summarise();
         let is_known = self.summary.probability > T::of(TRUSTED_ABOVE);
-        if is_heard && is_known && self.summary.variance_m2() < T::of(TRUSTED_WITHIN_M2) {
+        if is_known && self.summary.variance_m2() < T::of(TRUSTED_WITHIN_M2) {
             self.trusted = self.leading().clone();
         }
     }
 
     /// Position, probability and covariance.
-    fn summarise(&mut self) {
+    pub fn summarise(&mut self) {
         let num = T::of;
         let weights: Vec<T> = self.components.iter().map(|component| exp(component.weight_nat)).collect();
         let agents: Vec<Agent<T>> =

@@ -252,13 +252,16 @@ impl<T: Real> Reference<T> {
 
         // Conclude: nobody walks through walls, or is outside.
         let was_searching = belief.is_searching();
-        belief.explain(strong, explained);
-        let barrier = walls_now(plan, belief.leading(), environment, |_| T::ZERO);
-        belief.conclude(
-            |from_m, to_m, std_m| availability(&barrier, from_m, &[], to_m, std_m),
-            |place_m, std_m| plan.inside(place_m, std_m),
-            is_heard,
-        );
+        if is_heard {
+            belief.explain(strong, explained);
+            let barrier = walls_now(plan, belief.leading(), environment, |_| T::ZERO);
+            belief.conclude(
+                |from_m, to_m, std_m| availability(&barrier, from_m, &[], to_m, std_m),
+                |place_m, std_m| plan.inside(place_m, std_m),
+            );
+        } else {
+            belief.summarise();
+        }
         let posterior = belief.leading().agent();
         let has_leapt = apart(&predicted, &posterior) > T::of(LEAPT);
         if has_leapt {

@@ -265,7 +265,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
     }
 
-    /// Ends a cycle: hindrances enter the weights, these are normalised, and what is believed is summed up. `through` gives the
+    /// Ends a cycle in which something was heard: hindrances enter the weights, these are normalised, and what is believed is summed up. `through` gives the
     /// probability that a way from one place to another (metres), known within a deviation (metres), crosses no wall, `inside` that
     /// a place may be one of a tag.
     #[inline(never)]
@@ -273,7 +273,6 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         &mut self,
         through: impl Fn([f32; 2], [f32; 2], f32) -> f32,
         inside: impl Fn([f32; 2], f32) -> f32,
-        is_heard: bool,
     ) {
         for component in &mut self.components {
             component.hinder(&through, &inside);
@@ -287,13 +286,15 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             }
             component.weight_nat -= total;
         }
-        self.summary = Summary::of(&self.components);
-        if is_heard
-            && self.summary.probability > TRUSTED_ABOVE
-            && self.summary.variance_m2() < TRUSTED_WITHIN_M2
-        {
+        self.sum_up();
+        if self.summary.probability > TRUSTED_ABOVE && self.summary.variance_m2() < TRUSTED_WITHIN_M2 {
             self.trusted = self.leader().clone();
         }
+    }
+
+    /// Sums up what is believed: all that is done in a cycle in which nothing was heard.
+    pub fn sum_up(&mut self) {
+        self.summary = Summary::of(&self.components);
     }
 
     /// The map of the leader is changed, and the others follow: what surfaces are new or other in it, they take over as independent
@@ -495,7 +496,7 @@ mod tests {
                 explained += scan.measurements.len() as f32 - best.unwrap().1;
             }
             belief.explain(strong, explained);
-            belief.conclude(|_, _, _| 1.0, |_, _| 1.0, true);
+            belief.conclude(|_, _, _| 1.0, |_, _| 1.0);
             let total: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
             assert!((total - 1.0).abs() < 1e-4 && belief.components().len() <= COMPONENTS, "{total}");
             let [x, y] = belief.summary().position_m;
@@ -693,7 +694,7 @@ mod tests {
                 belief.components.push(Component::newcomer(walking(x), -8.0)).unwrap();
             }
             belief.predict(gap_s, Some(gap_s));
-            belief.conclude(|_, _, _| 1.0, |_, _| 1.0, true);
+            belief.conclude(|_, _, _| 1.0, |_, _| 1.0);
             let total: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
             assert!((total - 1.0).abs() < 1e-4, "{gap_s}: {total}");
             assert!(belief.components().iter().all(|own| own.weight_nat.is_finite()), "{gap_s}");

@@ -1,7 +1,7 @@
 //! Reduction: components that have become one are merged, and the lightest give way.
 
 use super::TagBelief;
-use super::component::{apart, is_one};
+use super::component::{Component, apart, is_one};
 use crate::real::{exp, larger, ln};
 use heapless::Vec;
 
@@ -66,6 +66,10 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
         let mut flags = is_kept.iter();
         self.components.retain(|_| flags.next().copied().unwrap_or(false));
+        if self.components.is_empty() {
+            // No weight was a number. There is room: the push succeeds.
+            let _ = self.components.push(Component::established(self.trusted.clone()));
+        }
         self.leader = self.order().first().copied().unwrap_or(0);
     }
 
