@@ -35,6 +35,8 @@ pub type LargeTracker = SizedTracker<LARGE_ANCHORS>;
 /// A tracker of the host for up to `A` anchors.
 pub type SizedTracker<const A: usize> = Tracker<A, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>;
 
+/// Stack on which trackers are built, bytes. One of eight anchors is a megabyte, and construction passes it on by value.
+const BUILDING_STACK_BYTES: usize = 32 << 20;
 /// Time before the first cycle: the start prior is about its very moment, and time must advance.
 const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;
 /// A height beyond this, metres, is the recording's mistake: the cycle goes on without it.
@@ -246,12 +248,20 @@ impl Setup {
         Map { virtual_anchors: &self.map, plan: self.plan.as_ref().map(ToldPlan::plan) }
     }
 
-    /// A fresh tracker of capacity `ANCHORS`.
+    /// A fresh tracker of capacity `ANCHORS`. It is built on a thread of its own: most stacks are too small for it.
     ///
     /// # Errors
     /// What the core refuses.
-    pub fn tracker<const A: usize>(&self) -> Result<SizedTracker<A>, Error> {
-        Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed)
+    pub fn tracker<const A: usize>(&self) -> Result<Box<SizedTracker<A>>, Error> {
+        let build =
+            || Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed).map(Box::new);
+        std::thread::scope(|scope| {
+            let builder = std::thread::Builder::new().stack_size(BUILDING_STACK_BYTES);
+            match builder.spawn_scoped(scope, build) {
+                Ok(thread) => thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+                Err(_) => build(),
+            }
+        })
     }
 }
 

@@ -52,7 +52,7 @@ fn office(cycles: usize) -> Recording {
     recording
 }
 
-fn trackers(recording: &Recording) -> (LargeTracker, LargeTracker) {
+fn trackers(recording: &Recording) -> (Box<LargeTracker>, Box<LargeTracker>) {
     let setup = Setup::new(recording, Path::new(FILE), Some(1)).unwrap();
     let tracker = setup.tracker::<LARGE_ANCHORS>().unwrap();
     (tracker.clone(), tracker)
@@ -208,7 +208,7 @@ fn a_refused_call_changes_nothing_of_a_cycle_nor_of_the_rest_of_it() {
     let (of_first, of_others) = observations.split_at(2);
     assert!(of_first.iter().all(|observation| observation.anchor() == 0));
 
-    let goes_on = |mut tracker: LargeTracker| {
+    let goes_on = |mut tracker: Box<LargeTracker>| {
         of_others.iter().for_each(|observation| tracker.receive(observation).unwrap());
         let report = tracker.finish().unwrap();
         let hash = tracker.hash();

@@ -16,7 +16,7 @@ const AFTER_THE_LAST_S: f64 = 0.1;
 /// A tracker and the controller that steers it. A clone goes on from the same cycle on its own.
 pub struct Steered<const A: usize> {
     /// The tracker.
-    pub tracker: SizedTracker<A>,
+    pub tracker: Box<SizedTracker<A>>,
     chooser: Box<dyn Choose<A>>,
     /// The actions of the next cycle.
     next: Actions,
