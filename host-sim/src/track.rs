@@ -275,8 +275,8 @@ fn mapped_wall(wall: &FoundWall) -> Option<MappedWall> {
     Some(MappedWall { kind, segments })
 }
 
-/// What is believed after a cycle. While the tag is searched for, the filter's velocity is the mean of those of all places,
-/// whose deviation no column tells: it is not known then.
+/// What is believed after a cycle. While the tag is searched for, the velocity is that of one of many places, and no column tells
+/// its deviation: it is not known then.
 fn estimate(cycle: &Cycle, input: &CycleInput<'_>, step: &Step, velocity_m_s: [f32; 2]) -> Estimate {
     let report = &step.report;
     let c = &report.position_covariance_m2;

@@ -182,7 +182,7 @@ fn a_table_has_a_row_a_cycle_and_the_error_that_is_printed() {
     let rmse = (errors.iter().map(|error| error * error).sum::<f64>() / 40.0).sqrt();
     assert!((rmse - outcome["rmse_m"].as_f64().unwrap()).abs() < 1e-12 * rmse, "{rmse} in {outcome}");
     let searching = all("searching").iter().filter(|searching| **searching == 1.0).count();
-    assert_eq!(outcome["cycles_acquiring"], searching);
+    assert_eq!(outcome["cycles_searching"], searching);
     assert!((1..40).contains(&searching), "{searching}: the start is to be searched, then found");
     for (cycle, row) in recording.cycles.iter().enumerate() {
         assert_eq!(all("time_s")[cycle], row.time_s);

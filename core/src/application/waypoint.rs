@@ -121,7 +121,7 @@ pub enum WaypointError {
     /// Position or covariance to start from are not finite.
     Start,
     /// It is not known where the tag is: its covariance says nothing yet.
-    Acquiring,
+    Searching,
 }
 
 impl fmt::Display for WaypointError {
@@ -142,7 +142,7 @@ impl fmt::Display for WaypointError {
             Self::Action => write!(f, "there is no such action in the library"),
             Self::TagHeight => write!(f, "the tag's height is out of range"),
             Self::Start => write!(f, "position and covariance to start from are not finite"),
-            Self::Acquiring => write!(f, "it is not known yet where the tag is"),
+            Self::Searching => write!(f, "it is not known yet where the tag is"),
         }
     }
 }
@@ -806,6 +806,6 @@ mod tests {
         let ranges = [Range { range_m: 4.0, variance_m2: 1e-4 }];
         let scan = Observation::Ranges(RangeScan { anchor: 0, ranges: &ranges });
         assert!((0..20).any(|_| tracker.cycle(&[scan], 0.1, None).unwrap().searching));
-        assert_eq!(ask(&tracker), Err(WaypointError::Acquiring));
+        assert_eq!(ask(&tracker), Err(WaypointError::Searching));
     }
 }

@@ -55,7 +55,7 @@ impl<
     /// last cycle and with the carrier of the next one. Plans with the mean of the tag's height. Changes nothing.
     ///
     /// # Errors
-    /// The first bad input, or [`WaypointError::Acquiring`] while it is not known where the tag is.
+    /// The first bad input, or [`WaypointError::Searching`] while it is not known where the tag is.
     pub fn choose_waypoint(
         &self,
         candidates: &[[f32; 2]],
@@ -64,7 +64,7 @@ impl<
         settings: &WaypointSettings,
     ) -> Result<WaypointChoice, WaypointError> {
         if self.belief.is_searching() {
-            return Err(WaypointError::Acquiring);
+            return Err(WaypointError::Searching);
         }
         if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(WaypointError::TagHeight);

@@ -49,7 +49,7 @@ struct Outcome<'a> {
     #[serde(flatten)]
     consistency: &'a Consistency,
     measurements_left_out: u64,
-    cycles_acquiring: usize,
+    cycles_searching: usize,
     losses_noticed: usize,
     discoveries_without_room: u64,
     refused_cycles: usize,
@@ -88,7 +88,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             virtual_anchors: &run.map,
             consistency: &run.consistency,
             measurements_left_out: run.left_out,
-            cycles_acquiring: run.searching,
+            cycles_searching: run.searching,
             losses_noticed: run.losses,
             discoveries_without_room: run.map_full,
             refused_cycles: run.refused,

@@ -283,7 +283,7 @@ impl Task {
                     let goal = Some(single(&goal_m));
                     match tracker.choose_waypoint(&candidates, goal, Some(height), &self.settings) {
                         Ok(choice) => choice.index,
-                        Err(WaypointError::Acquiring) => nearest(&candidates_m, goal_m),
+                        Err(WaypointError::Searching) => nearest(&candidates_m, goal_m),
                         Err(error) => return Err(refused(error.to_string())),
                     }
                 }
