@@ -77,9 +77,9 @@ pub const TRUSTED_ABOVE: f32 = 0.99;
 pub const TRUSTED_WITHIN_M2: f32 = 0.04;
 /// Tuned: evidence by which a component may be behind the best to count as established, nats.
 pub const ESTABLISHED_NAT: f32 = 5.0;
-/// Tuned: against work on what hardly counts: children of components that are further behind the best are not made, nats.
+/// Guard: against work on what hardly counts: children of components that are further behind the best are not made, nats.
 pub const CHILDREN_NAT: f32 = 12.0;
-/// Tuned: the same of splitting, nats.
+/// Tuned: components that are further behind the best are not split, nats: splits come first and take the room.
 pub const SPLIT_NAT: f32 = 6.0;
 
 /// The mixture: up to `COMPONENTS` joint states.

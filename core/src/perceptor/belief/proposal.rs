@@ -20,7 +20,7 @@ pub const ARCS: usize = 16;
 pub const EARLIEST: usize = 2;
 /// Capacity: places that a cycle proposes.
 pub const PROPOSED: usize = 4;
-/// Tuned: where the tag is known, places are still proposed once in so many cycles in which anything is heard.
+/// Capacity: where the tag is known, places are still proposed once in so many cycles in which anything is heard.
 pub const EVERY: u32 = 5;
 /// Tuned: paths of which false alarms are so probable are not tried: their density over that of all.
 pub const STRONG: f32 = 0.6;
@@ -30,7 +30,7 @@ pub const WEAK: f32 = 0.3;
 pub const ALONG_M: f32 = 0.3;
 /// Mathematics: standard deviation of an arc along the circle over its length: of a uniform distribution.
 pub const ACROSS: f32 = 0.288_675_13;
-/// Tuned: least standard deviation along the circle, metres.
+/// Guard: against an arc without a length, where the tag is at the anchor: least standard deviation along the circle, metres.
 pub const LEAST_ACROSS_M: f32 = 0.05;
 /// Mathematics: the golden ratio: arcs of one cycle after the other are spread evenly.
 pub const GOLDEN: f32 = 0.618_034;
