@@ -32,8 +32,8 @@ pub const BLOCKS: [Block; 17] = [
     block("perceptor/receiver", &["Receiver"]),
     block("perceptor/expectation", &[]),
     block("perceptor/association", &[]),
-    block("perceptor/belief", &["TagBelief", "Acquisition", "LossMonitor"]),
     block("perceptor/state_filter", &["StateFilter"]),
+    block("perceptor/belief", &["TagBelief"]),
     block("memory/environment", &["EnvironmentMemory"]),
     block("memory/transmission", &["TransmissionMemory"]),
     block("memory/discovery", &["Discovery"]),
@@ -46,8 +46,11 @@ pub const BLOCKS: [Block; 17] = [
 ];
 
 /// Where a stage is made of others: it holds their state.
-const PARTS: [(&str, &str); 2] =
-    [("perceptor/receiver", "ChannelEstimator"), ("perceptor/receiver", "GainControl")];
+const PARTS: [(&str, &str); 3] = [
+    ("perceptor/receiver", "ChannelEstimator"),
+    ("perceptor/receiver", "GainControl"),
+    ("perceptor/belief", "StateFilter"),
+];
 
 /// Files that put the whole together for the user.
 const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
