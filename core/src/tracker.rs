@@ -161,7 +161,7 @@ impl<
             let Some(outcome) = outcome else { continue };
             observer.expectations(scan.anchor, &outcome.expected.direct, &outcome.expected.virtual_anchors);
             observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
-            explained.enter(&outcome);
+            explained = explained.with(&outcome);
             // As many as scans: the push succeeds.
             let _ = outcomes.push((outcome, claims));
         }

@@ -82,7 +82,10 @@ pub struct Source {
 impl Source {
     /// Without what belongs to tests and to the reader alone.
     pub fn new(path: &str, text: &str) -> Self {
-        let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+        let mut parts = text.match_indices("#[cfg(test)]\n");
+        let is_tests = |after: &str| after.lines().next().is_some_and(|line| line.contains("mod tests {"));
+        let tests = parts.find(|(at, mark)| is_tests(&text[at + mark.len()..]));
+        let code = tests.map_or(text, |(at, _)| &text[..at]);
         let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default());
         Self { path: path.to_owned(), code: lines.collect::<Vec<_>>().join("\n") }
     }

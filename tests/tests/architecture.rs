@@ -67,6 +67,8 @@ fn a_planted_violation_is_found() {
     // What is said in comments and tests breaks nothing.
     let quiet = "// ChannelMemory\nfn f() {}\n#[cfg(test)]\nmod tests { use crate::tracker::Tracker; }";
     assert!(faults(&[Source::new("perceptor/scan", quiet)]).is_empty());
+    let shared = quiet.replace("mod tests", "pub(super) mod tests");
+    assert!(faults(&[Source::new("perceptor/scan", &shared)]).is_empty());
 }
 
 #[test]

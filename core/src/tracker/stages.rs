@@ -33,17 +33,18 @@ pub(super) struct Explained {
 }
 
 impl Explained {
-    /// Enters a scan.
-    pub(super) fn enter<const SOURCES: usize, const PATHS: usize>(
-        &mut self,
+    /// With a scan more.
+    pub(super) fn with<const SOURCES: usize, const PATHS: usize>(
+        mut self,
         outcome: &AssociatedScan<'_, SOURCES, PATHS>,
-    ) {
+    ) -> Self {
         for (measurement, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
             if measurement.is_strong(WEAK) {
                 self.strong += 1.0;
                 self.known += 1.0 - free;
             }
         }
+        self
     }
 }
 
