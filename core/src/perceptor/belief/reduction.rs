@@ -33,8 +33,13 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 self.components.get(other).is_some_and(|other| !(other.weight_nat < component.weight_nat))
             };
             let place = order.iter().take_while(|other| heavier(other)).count();
-            // As many as components: the insertion succeeds.
-            let _ = order.insert(place, index);
+            // Takes that place, and every later one the next; `Vec::insert` has a panic that no compiler finds unreachable.
+            let mut last = index;
+            for later in order.iter_mut().skip(place) {
+                core::mem::swap(later, &mut last);
+            }
+            // As many as components: the push succeeds.
+            let _ = order.push(last);
         }
         order
     }
