@@ -208,7 +208,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let least = self.best_nat() - within_nat;
         let newcomers = self.components.iter().filter(|component| component.age < PROTECTED).count();
         let room = COMPONENTS.saturating_sub((COMPONENTS / 4).saturating_sub(newcomers));
-        for index in self.order() {
+        for &index in &self.order() {
             if self.components.len() + 2 > room {
                 return;
             }

@@ -53,7 +53,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let mut kept: Vec<usize, COMPONENTS> = Vec::new();
         let (mut established, mut newcomers) = (0, 0);
         let mut is_kept = [false; COMPONENTS];
-        for index in order {
+        for &index in &order {
             match self.fate(index, best, &kept, established, newcomers) {
                 Fate::Dropped => {}
                 Fate::Merged(other) => self.merge(other, index),
