@@ -1228,8 +1228,11 @@ mod tests {
             let axis = Vector2::new(angle.cos(), angle.sin());
             let widest = (axis.transpose() * c * axis)[0];
             let mut middle = Component::newcomer(whole.clone(), -1.0);
-            assert!(middle.clone().split(widest as f32 * 1.001).iter().all(Option::is_none));
-            let [Some(left), Some(right)] = middle.split(widest as f32 * 0.999) else { panic!("not split") };
+            assert!(middle.axis_above(widest as f32 * 1.001).is_none());
+            let along = middle.axis_above(widest as f32 * 0.999).unwrap();
+            let mut sides = [middle.clone(), middle.clone()];
+            middle.split(along, &mut sides);
+            let [left, right] = sides;
             let parts = [&left, &middle, &right].map(|part| {
                 (f64::from(part.weight_nat + 1.0).exp(), mean(&part.filter), dense(&part.filter))
             });

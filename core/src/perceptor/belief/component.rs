@@ -59,29 +59,29 @@ impl<const ANCHORS: usize, const SURFACES: usize> Component<ANCHORS, SURFACES> {
         Self { filter, weight_nat, age: 0, hindrance: Hindrance { from_m, nat: 0.0 } }
     }
 
-    /// Where its largest variance is above this, becomes the middle one of three components and returns the others: weights 1/2
-    /// and 1/4 each, a deviation apart, with half of the variance left. Mean and covariance of the three are those of the one.
-    pub fn split(&mut self, widest_m2: f32) -> [Option<Self>; 2] {
+    /// The axis (a unit vector) along which its position varies most, where it does by more than this variance.
+    pub fn axis_above(&self, widest_m2: f32) -> Option<[f32; 2]> {
         let c = self.filter.position_covariance_m2();
         let (half, apart) = (0.5 * (c.m11 + c.m22), 0.5 * (c.m11 - c.m22));
         let major = half + sqrt(apart * apart + c.m21 * c.m21);
         if major <= widest_m2 {
-            return [None, None];
+            return None;
         }
         // The longest axis, from the row of C - major that is not nearly zero.
         let (x, y) = if apart > 0.0 { (major - c.m22, c.m21) } else { (c.m21, major - c.m11) };
         let norm = sqrt(x * x + y * y);
-        let axis = if norm > 0.0 { [x / norm, y / norm] } else { [1.0, 0.0] };
-        let side = |deviations: f32| {
-            let mut side = self.clone();
-            side.filter.narrow(axis, deviations, 0.5);
-            side.weight_nat += ln(0.25);
-            Some(side)
-        };
-        let sides = [side(-1.0), side(1.0)];
+        Some(if norm > 0.0 { [x / norm, y / norm] } else { [1.0, 0.0] })
+    }
+
+    /// Becomes the middle one of three components along an axis, and its copies the others: weights 1/2 and 1/4 each, a deviation
+    /// apart, with half of the variance left. Mean and covariance of the three are those of the one.
+    pub fn split(&mut self, axis: [f32; 2], copies: &mut [Self; 2]) {
+        for (copy, deviations) in copies.iter_mut().zip([-1.0, 1.0]) {
+            copy.filter.narrow(axis, deviations, 0.5);
+            copy.weight_nat += ln(0.25);
+        }
         self.filter.narrow(axis, 0.0, 0.5);
         self.weight_nat += ln(0.5);
-        sides
     }
 
     /// Enters the way since it was last decided, and the place, in place of those entered before. A way that is decided stays in

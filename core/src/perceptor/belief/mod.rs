@@ -184,41 +184,63 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         // Splits come first: turned children would take their room, and a component so wide that the circle of a range bends away
         // from it loses weight to narrower ones in every cycle, wherever the tag is.
         let widest_m2 = self.settings.split_above_m * self.settings.split_above_m;
-        self.branch(SPLIT_NAT, |component| component.split(widest_m2));
+        self.branch(
+            SPLIT_NAT,
+            |component| component.axis_above(widest_m2),
+            |component, copies, axis| component.split(axis, copies),
+        );
         let turned = probability(self.settings.turns_per_s, unheard_s);
         if turned > 0.0 {
             let speed_m2_s2 = self.speed_m2_s2;
-            self.branch(CHILDREN_NAT, |component| {
-                let mut child = component.clone();
-                child.filter.turn(speed_m2_s2, unheard_s);
-                child.weight_nat += ln(turned);
-                component.weight_nat += ln(larger(1.0 - turned, f32::MIN_POSITIVE));
-                [Some(child), None]
-            });
+            self.branch(
+                CHILDREN_NAT,
+                |_| Some(()),
+                |component, [child], ()| {
+                    child.filter.turn(speed_m2_s2, unheard_s);
+                    child.weight_nat += ln(turned);
+                    component.weight_nat += ln(larger(1.0 - turned, f32::MIN_POSITIVE));
+                },
+            );
         }
     }
 
-    /// Adds children of the components within so many nats of the best, the heaviest first, as long as there is room for both and
-    /// for newcomers.
-    fn branch(
+    /// Adds children of the components within so many nats of the best, the heaviest first, as long as there is room for two and
+    /// for newcomers: of those that are `due`, copies, of which `divide` makes what they are. They are copied into their slots: a
+    /// component takes kilobytes.
+    fn branch<const CHILDREN: usize, T>(
         &mut self,
         within_nat: f32,
-        mut children: impl FnMut(&mut Component<ANCHORS, SURFACES>) -> [Option<Component<ANCHORS, SURFACES>>; 2],
+        due: impl Fn(&Component<ANCHORS, SURFACES>) -> Option<T>,
+        divide: impl Fn(&mut Component<ANCHORS, SURFACES>, &mut [Component<ANCHORS, SURFACES>; CHILDREN], T),
     ) {
         let least = self.best_nat() - within_nat;
         let newcomers = self.components.iter().filter(|component| component.age < PROTECTED).count();
         let room = COMPONENTS.saturating_sub((COMPONENTS / 4).saturating_sub(newcomers));
         for &index in &self.order() {
-            if self.components.len() + 2 > room {
+            let first = self.components.len();
+            if first + 2 > room {
                 return;
             }
-            let Some(component) = self.components.get_mut(index).filter(|own| own.weight_nat > least) else {
+            let Some(parent) = self.components.get(index).filter(|own| own.weight_nat > least) else {
                 return;
             };
-            for child in children(component).into_iter().flatten() {
-                // There is room: the push succeeds.
-                let _ = self.components.push(child);
+            let Some(how) = due(parent) else { continue };
+            for _ in 0..CHILDREN {
+                self.copy(index);
             }
+            let Some((parents, children)) = self.components.split_at_mut_checked(first) else { return };
+            let Some(parent) = parents.get_mut(index) else { return };
+            if let Some(children) = children.first_chunk_mut() {
+                divide(parent, children, how);
+            }
+        }
+    }
+
+    /// Adds a copy of a component, where there is room.
+    #[inline(never)]
+    fn copy(&mut self, index: usize) {
+        if let Some(component) = self.components.get(index) {
+            let _ = self.components.push(component.clone());
         }
     }
 
