@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs the core on a Cortex-M4F (thumbv7em-none-eabihf) in QEMU over recorded frames and compares every cycle's hash
-# with the host's.
+# with the host's: of the seminar room told by its walls, where no recording is given.
 #
 #   bash tests/on_target.sh [--json] [--cycles N] [--recording DIR]
 #
@@ -46,6 +46,10 @@ image=$images/cogmint-firmware
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
+if [ ${#recording[@]} = 0 ]; then
+  record_room "$cycles" "$work/room"
+  recording=(--recording "$work/room")
+fi
 cargo run --quiet --locked --release -- \
   trace "${recording[@]}" --cycles "$cycles" --feed "$work/feed.bin" >"$work/host.txt"
 

@@ -61,7 +61,8 @@ meters 2 $((2 * ram))
 expect_error "hard fault" "a stack that leaves the memory is not reported"
 
 # The tracker's image on boards with less RAM than it needs: by one step of the guard, and by a sixth.
-cargo run --quiet --locked --release -- trace --cycles 3 --feed "$work/feed.bin" >/dev/null
+record_room 3 "$work/room"
+cargo run --quiet --locked --release -- trace --recording "$work/room" --feed "$work/feed.bin" >/dev/null
 run "$work" "$images/cogmint-firmware"
 stack=$(awk '$1 == "stack" { print $2 }' "$work/target.txt")
 [ -n "$stack" ] || fail "the tracker did not come to its end: $(cat "$work/target.txt")"

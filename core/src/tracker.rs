@@ -156,14 +156,13 @@ impl<
             let view = leader_view(&told, belief.leader(), clutter, scan.anchor);
             let Some((viewpoint, background)) = view else { continue };
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
-            let (surroundings, totals) = ((&*plan, walls), claims.totals());
-            let outcome = hear(belief, &told, environment, channel, clutter, surroundings, scan, &totals);
+            let surroundings = (&*plan, walls);
+            let outcome =
+                hear(belief, &told, environment, channel, clutter, surroundings, scan, claims, &mut outcomes);
             let Some(outcome) = outcome else { continue };
             observer.expectations(scan.anchor, &outcome.expected.direct, &outcome.expected.virtual_anchors);
             observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
-            explained = explained.with(&outcome);
-            // As many as scans: the push succeeds.
-            let _ = outcomes.push((outcome, claims));
+            explained = explained.with(outcome);
         }
 
         observer.stage(Stage::Update);

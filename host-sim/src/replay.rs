@@ -23,12 +23,22 @@ pub const PATHS: usize = 16;
 pub const ACTIONS: usize = 40;
 /// Components of the belief.
 pub const COMPONENTS: usize = 16;
-/// Recordings of up to this many anchors run in the tracker that also runs on the target.
+/// Recordings of up to this many anchors run in a smaller tracker: as many as the target's.
 pub const SMALL_ANCHORS: usize = 2;
 /// The most anchors of any recording.
 pub const LARGE_ANCHORS: usize = 8;
 
-/// The tracker of the target: two anchors.
+/// Surfaces of the target's tracker: the walls of a room.
+pub const TARGET_SURFACES: usize = 8;
+/// Components of the target's tracker: as many as its memory holds.
+pub const TARGET_COMPONENTS: usize = 8;
+
+/// A tracker of so many anchors, surfaces and components.
+pub type AnyTracker<const A: usize, const S: usize, const C: usize> =
+    Tracker<A, S, SOURCES, SEGMENTS, PATHS, ACTIONS, C>;
+/// The tracker of the target.
+pub type TargetTracker = AnyTracker<SMALL_ANCHORS, TARGET_SURFACES, TARGET_COMPONENTS>;
+/// The tracker for up to two anchors.
 pub type SmallTracker = SizedTracker<SMALL_ANCHORS>;
 /// The tracker for up to eight anchors.
 pub type LargeTracker = SizedTracker<LARGE_ANCHORS>;
@@ -254,6 +264,21 @@ impl Setup {
     /// # Errors
     /// What the core refuses.
     pub fn tracker<const A: usize>(&self) -> Result<Box<SizedTracker<A>>, Error> {
+        self.build()
+    }
+
+    /// A fresh tracker of the target's capacity.
+    ///
+    /// # Errors
+    /// What the core refuses; more virtual anchors or walls than the target holds among them.
+    pub fn target_tracker(&self) -> Result<Box<TargetTracker>, Error> {
+        self.build()
+    }
+
+    /// Builds a tracker where the stack has room for it.
+    fn build<const A: usize, const S: usize, const C: usize>(
+        &self,
+    ) -> Result<Box<AnyTracker<A, S, C>>, Error> {
         let build =
             || Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed).map(Box::new);
         std::thread::scope(|scope| {
@@ -438,8 +463,8 @@ pub struct Step {
 ///
 /// # Errors
 /// The core refuses even the empty cycle: its time or height is wrong.
-pub fn step<const A: usize>(
-    tracker: &mut SizedTracker<A>,
+pub fn step<const A: usize, const S: usize, const C: usize>(
+    tracker: &mut AnyTracker<A, S, C>,
     input: &CycleInput<'_>,
     mut observer: &mut dyn Observer<SOURCES, PATHS>,
 ) -> Result<Step, Error> {

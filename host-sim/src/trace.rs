@@ -2,23 +2,46 @@
 
 use crate::input_error::InputError;
 use crate::recording::Recording;
-use crate::replay::{CycleInput, PATHS, SMALL_ANCHORS, Setup, Step, inputs, step};
-use cogmint_core::Plan;
+use crate::replay::{AnyTracker, CycleInput, PATHS, SMALL_ANCHORS, Setup, Step, inputs, step};
 use cogmint_core::model::observation::{Observation, Samples, TagHeight};
 use cogmint_core::radio::pulse::PulseShape;
+use cogmint_core::{Error, Plan};
 use std::path::Path;
 
-/// Hash over all state after each cycle of a recording of at most two anchors, in the tracker of the target.
+/// Hash over all state after each cycle of a recording of at most two anchors, in the host's tracker.
 ///
 /// # Errors
 /// The recording has more anchors, or the core refuses its set-up.
 pub fn trace(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<Step>, InputError> {
+    check_anchors(setup, file)?;
+    replayed(setup.tracker::<SMALL_ANCHORS>(), recording, file)
+}
+
+/// The same in the tracker of the target.
+///
+/// # Errors
+/// The recording has more anchors, virtual anchors or walls than it holds, or the core refuses its set-up.
+pub fn trace_on_target(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<Step>, InputError> {
+    check_anchors(setup, file)?;
+    replayed(setup.target_tracker(), recording, file)
+}
+
+fn check_anchors(setup: &Setup, file: &Path) -> Result<(), InputError> {
     if setup.anchors.len() > SMALL_ANCHORS {
         let reason = format!("has {} anchors, the target holds {SMALL_ANCHORS}", setup.anchors.len());
         return Err(InputError::new(file, reason));
     }
-    let refused = |error: cogmint_core::Error| InputError::new(file, error.to_string());
-    let mut tracker = setup.tracker::<SMALL_ANCHORS>().map_err(refused)?;
+    Ok(())
+}
+
+/// All cycles of a recording in a fresh tracker.
+fn replayed<const S: usize, const C: usize>(
+    tracker: Result<Box<AnyTracker<SMALL_ANCHORS, S, C>>, Error>,
+    recording: &Recording,
+    file: &Path,
+) -> Result<Vec<Step>, InputError> {
+    let refused = |error: Error| InputError::new(file, error.to_string());
+    let mut tracker = tracker.map_err(refused)?;
     inputs(recording).map(|input| step(&mut tracker, &input, &mut ()).map_err(refused)).collect()
 }
 

@@ -4,12 +4,9 @@
 //! shows it shows for a while, so that time counts and not scans. A wall that no path crossed yet has the share that walls
 //! have on average.
 
-use crate::model::availability::Crossing;
+use crate::model::availability::{Crossing, USUAL_THROUGH};
 use crate::real::{larger, smaller};
 
-/// Tuned: share of direct paths that are found behind one wall, over those found behind none: 0.32 / 0.58 over twelve rooms of
-/// others, and less behind two.
-pub const USUAL_THROUGH: f32 = 0.35;
 /// Tuned: seconds of looking that this counts for.
 pub const USUAL_S: f32 = 2.0;
 /// Guard: against the division by it: least share of direct paths that come where nothing is in the way.

@@ -10,7 +10,7 @@
 //! used: 13,000 paths at 2 and 8, all used; 75,000 at 8 anchors, 30 walls and 8 used.
 
 use super::anchor::Anchor;
-use super::availability::{WallNow, Walls};
+use super::availability::{USUAL_THROUGH, WallNow, Walls};
 use super::plan::{FloorPlan, Wall};
 use crate::radio::pulse::unresolved;
 use crate::real::{TAU, abs, limited, sin, smaller, sqrt};
@@ -18,8 +18,6 @@ use heapless::Vec;
 
 /// Capacity: places that are looked from.
 const MOST_PLACES: usize = 100;
-/// Tuned: what a wall lets through while sources are listed.
-pub const THROUGH: f32 = 0.4;
 /// Tuned: deviation of a place while sources are listed, metres.
 pub const PLACE_STD_M: f32 = 0.05;
 /// Tuned: availability above which a place sees an image.
@@ -73,7 +71,7 @@ pub fn list<const SEGMENTS: usize, const SOURCES: usize>(
     }
     let view = View {
         plan,
-        walls: Walls::new(plan, |_, wall| WallNow::told(wall, THROUGH)),
+        walls: Walls::new(plan, |_, wall| WallNow::told(wall, USUAL_THROUGH)),
         places_m: places_m(plan),
         max_range_m,
         pulse_m,

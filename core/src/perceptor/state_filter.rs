@@ -17,10 +17,7 @@
 //! soft: with S the innovation variance, beta the total probability, and nu the innovations,
 //! C <- C + (spread / S^2 - beta / S) w w', w = C h.
 //!
-//! **Cheap.** C_ss is nearly the whole covariance, and an update needs only the rows of the surfaces it is about.
-//! So the changes of C_ss wait until there are four of them (`Pending`) and are made in one pass; a row that an
-//! update needs is taken as it stands with those that wait. Every entry still sees the same changes in the same
-//! order: the bits are those of one change after the other.
+//! **Cheap.** The changes of C_ss wait until there are four of them and are made in one pass ([`surface_covariance`]).
 //!
 //! **Positive definite in f32.** Three things keep it so. An update is never allowed to shrink a variance by
 //! more than 2^-10 at once (a smaller measurement variance is raised to that, and the next cycle takes the
@@ -34,6 +31,9 @@
 //! exceeds its limit is scaled back, C <- D C D with a diagonal D (which keeps C positive definite). A bias is
 //! limited to its prior, the position to the reach of the radio.
 
+mod surface_covariance;
+
+use self::surface_covariance::{CHANGES_PER_PASS, Pending, SurfaceCovariance};
 use crate::model::image::{Image, Sequence};
 use crate::model::matrix::{product, product_transposed, sandwiched};
 use crate::model::motion::{Agent, Motion, ProcessNoise};
@@ -55,7 +55,8 @@ pub const SURFACE_LIMIT_M2: f32 = 1e6;
 pub const ROTATION_LIMIT: f32 = 1.0;
 /// Guard: against certainty: a wall's rotation walks as if its offset 5 m from the centre did: rad per metre, squared.
 pub const ROTATION_WALK_PER_M2: f32 = 0.04;
-/// Joint covariance in blocks. Of C_ss, the blocks with l <= k are kept.
+
+/// Joint covariance in blocks.
 #[derive(Clone, Debug)]
 struct Covariance<const ANCHORS: usize, const SURFACES: usize> {
     xx: Matrix4<f32>,
@@ -63,7 +64,7 @@ struct Covariance<const ANCHORS: usize, const SURFACES: usize> {
     bb: [[f32; ANCHORS]; ANCHORS],
     xs: [Matrix4x2<f32>; SURFACES],
     bs: [[Vector2<f32>; ANCHORS]; SURFACES],
-    ss: [[Matrix2<f32>; SURFACES]; SURFACES],
+    ss: SurfaceCovariance<SURFACES>,
 }
 
 /// The mean, and with it the direction of an update.
@@ -72,112 +73,6 @@ struct StateVector<const ANCHORS: usize, const SURFACES: usize> {
     agent: Vector4<f32>,
     bias_m: [f32; ANCHORS],
     surfaces: [Vector2<f32>; SURFACES],
-}
-
-/// Changes scale w w' that C_ss lacks as yet: at most `N`.
-struct Pending<const SURFACES: usize, const N: usize> {
-    waiting: usize,
-    scale: [f32; N],
-    /// Of every surface, its part of each w.
-    w: [[Vector2<f32>; N]; SURFACES],
-}
-
-/// Capacity: so many changes of C_ss are made in one pass: as many as the registers hold.
-const CHANGES_PER_PASS: usize = 4;
-
-impl<const SURFACES: usize, const N: usize> Pending<SURFACES, N> {
-    fn new() -> Self {
-        Self { waiting: 0, scale: [0.0; N], w: [[Vector2::new(0.0, 0.0); N]; SURFACES] }
-    }
-
-    fn push(&mut self, scale: f32, w: &[Vector2<f32>; SURFACES]) {
-        if let Some(place) = self.scale.get_mut(self.waiting) {
-            *place = scale;
-        }
-        for (places, w) in self.w.iter_mut().zip(w) {
-            if let Some(place) = places.get_mut(self.waiting) {
-                *place = *w;
-            }
-        }
-        self.waiting += 1;
-    }
-
-    /// One of the changes, alone.
-    fn only(&self, change: usize) -> Option<Pending<SURFACES, 1>> {
-        let mut only = Pending::new();
-        for (place, w) in only.w.iter_mut().zip(&self.w) {
-            *place = [*w.get(change)?];
-        }
-        only.scale = [*self.scale.get(change)?];
-        only.waiting = 1;
-        Some(only)
-    }
-
-    /// A surface's parts of all w, times their scales.
-    fn scaled(&self, w: &[Vector2<f32>; N]) -> [Vector2<f32>; N] {
-        let mut scaled = *w;
-        for (w, scale) in scaled.iter_mut().zip(&self.scale) {
-            *w = Vector2::new(scale * w.x, scale * w.y);
-        }
-        scaled
-    }
-}
-
-/// C_ss[k][l] <- C_ss[k][l] + (scale w_k) w_l'.
-#[inline(always)]
-fn change_once(block: &mut Matrix2<f32>, k: &Vector2<f32>, l: &Vector2<f32>) {
-    block.m11 += k.x * l.x;
-    block.m12 += k.x * l.y;
-    block.m21 += k.y * l.x;
-    block.m22 += k.y * l.y;
-}
-
-/// The same for every change.
-fn change_each<'a>(
-    block: &mut Matrix2<f32>,
-    scaled_k: impl IntoIterator<Item = &'a Vector2<f32>>,
-    w_l: impl IntoIterator<Item = &'a Vector2<f32>>,
-) {
-    for (k, l) in scaled_k.into_iter().zip(w_l) {
-        change_once(block, k, l);
-    }
-}
-
-/// The same for the first `waiting` changes, of fewer than a full pass, unrolled by hand.
-#[inline(always)]
-fn change_waiting(
-    block: &mut Matrix2<f32>,
-    waiting: usize,
-    w_k: &[Vector2<f32>; CHANGES_PER_PASS],
-    scale: &[f32; CHANGES_PER_PASS],
-    w_l: &[Vector2<f32>; CHANGES_PER_PASS],
-) {
-    let ([a, b, c, _], [s, t, u, _], [e, f, g, _]) = (w_k, scale, w_l);
-    let scaled = |scale: &f32, w: &Vector2<f32>| Vector2::new(scale * w.x, scale * w.y);
-    if waiting > 0 {
-        change_once(block, &scaled(s, a), e);
-    }
-    if waiting > 1 {
-        change_once(block, &scaled(t, b), f);
-    }
-    if waiting > 2 {
-        change_once(block, &scaled(u, c), g);
-    }
-}
-
-/// The same for a full pass, unrolled by hand: the target's image is optimised for size.
-#[inline(always)]
-fn change_all(block: &mut Matrix2<f32>, scaled_k: &[Vector2<f32>], w_l: &[Vector2<f32>]) {
-    if let ([a, b, c, d], [e, f, g, h]) = (scaled_k, w_l) {
-        let mut changed = *block;
-        change_once(&mut changed, a, e);
-        change_once(&mut changed, b, f);
-        change_once(&mut changed, c, g);
-        change_once(&mut changed, d, h);
-        *block = changed;
-    } else {
-        change_each(block, scaled_k, w_l);
-    }
 }
 
 /// The joint filter of a tag and up to `SURFACES` surfaces, seen from up to `ANCHORS` physical anchors.
@@ -224,7 +119,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
                 bb,
                 xs: [Matrix4x2::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0); SURFACES],
                 bs: [[Vector2::new(0.0, 0.0); ANCHORS]; SURFACES],
-                ss: [[Matrix2::new(0.0, 0.0, 0.0, 0.0); SURFACES]; SURFACES],
+                ss: SurfaceCovariance::zero(),
             },
             surfaces: [None; SURFACES],
             estimate_bias: bias_std_m > 0.0,
@@ -269,7 +164,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     /// What the surface in `slot` is, its two numbers and their covariance; `None` for a free slot.
     pub fn surface(&self, slot: usize) -> Option<(Surface, Vector2<f32>, Matrix2<f32>)> {
         let surface = (*self.surfaces.get(slot)?)?;
-        Some((surface, *self.mean.surfaces.get(slot)?, *self.covariance.ss.get(slot)?.get(slot)?))
+        Some((surface, *self.mean.surfaces.get(slot)?, self.covariance.ss.get(slot, slot)?))
     }
 
     /// The first free slot.
@@ -304,21 +199,12 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         [Some(usize::from(sequence.first)), sequence.second.map(usize::from)]
     }
 
-    /// Covariance of two surfaces' numbers, those of the first in the rows.
-    fn between(&self, first: usize, second: usize) -> Option<Matrix2<f32>> {
-        if first >= second {
-            return Some(*self.covariance.ss.get(first)?.get(second)?);
-        }
-        let block = self.covariance.ss.get(second)?.get(first)?;
-        Some(Matrix2::new(block.m11, block.m21, block.m12, block.m22))
-    }
-
     /// Where an image is expected: its curvature shifts the mean.
     fn expected_m(&self, image: &Image, first: Option<usize>, second: Option<usize>) -> Option<Vector2<f32>> {
         let none = Matrix2::new(0.0, 0.0, 0.0, 0.0);
-        let own = |slot: Option<usize>| slot.map_or(Some(none), |slot| self.between(slot, slot));
+        let own = |slot: Option<usize>| slot.map_or(Some(none), |slot| self.covariance.ss.get(slot, slot));
         let cross = match (first, second) {
-            (Some(first), Some(second)) => self.between(first, second)?,
+            (Some(first), Some(second)) => self.covariance.ss.get(first, second)?,
             _ => none,
         };
         let shift = image.shift_m(&[own(first)?, own(second)?], &cross);
@@ -329,11 +215,11 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     fn own_spread(&self, image: &Image, first: Option<usize>, second: Option<usize>) -> Option<Matrix2<f32>> {
         let [d1, d2] = &image.slopes;
         let first = first?;
-        let mut spread = sandwiched(d1, &self.between(first, first)?);
+        let mut spread = sandwiched(d1, &self.covariance.ss.get(first, first)?);
         if let Some(second) = second {
-            let own = sandwiched(d2, &self.between(second, second)?);
+            let own = sandwiched(d2, &self.covariance.ss.get(second, second)?);
             // D_1 C_12 D_2' and its transpose.
-            let c = self.between(first, second)?;
+            let c = self.covariance.ss.get(first, second)?;
             let k = product_transposed(&product(d1, &c), d2);
             spread.m11 += own.m11 + 2.0 * k.m11;
             spread.m21 += own.m21 + (k.m21 + k.m12);
@@ -393,22 +279,14 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
                 *bs = Vector2::new(x, y);
             }
         }
-        // Earlier slots: this row's blocks. Later slots: the blocks of their rows, transposed.
-        for (row, xs) in c.ss.iter_mut().zip(&c.xs).skip(slot + 1) {
-            if let Some(block) = row.get_mut(slot) {
-                let ((xx, yx), (xy, yy)) = (carried(xs.m11, xs.m21), carried(xs.m12, xs.m22));
-                *block = Matrix2::new(xx, yx, xy, yy);
-            }
-        }
-        if let Some(row) = c.ss.get_mut(slot) {
-            for (block, xs) in row.iter_mut().zip(&c.xs).take(slot) {
-                let ((xx, yx), (xy, yy)) = (carried(xs.m11, xs.m21), carried(xs.m12, xs.m22));
-                *block = Matrix2::new(xx, xy, yx, yy);
-            }
-            if let Some(block) = row.get_mut(slot) {
-                let ((xx, yx), (_, yy)) = (carried(m11, m21), carried(m12, m22));
-                *block = Matrix2::new(own.m11 + xx, own.m21 + yx, own.m21 + yx, own.m22 + yy);
-            }
+        for (other, xs) in c.xs.iter().enumerate() {
+            let ((xx, yx), (xy, yy)) = (carried(xs.m11, xs.m21), carried(xs.m12, xs.m22));
+            let block = if other == slot {
+                Matrix2::new(own.m11 + xx, own.m21 + yx, own.m21 + yx, own.m22 + yy)
+            } else {
+                Matrix2::new(xx, xy, yx, yy)
+            };
+            c.ss.set(slot, other, &block);
         }
         true
     }
@@ -420,9 +298,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             *mean = state;
         }
         self.clear_covariance(slot);
-        if let Some(block) = self.covariance.ss.get_mut(slot).and_then(|row| row.get_mut(slot)) {
-            *block = own;
-        }
+        self.covariance.ss.set(slot, slot, &own);
         true
     }
 
@@ -430,24 +306,17 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     /// are. C_ss <- C_ss + variance h h'; surfaces known exactly have none.
     pub fn correlate(&mut self, variance: f32, slopes: impl Fn(usize, &Surface) -> [f32; 2]) {
         let mut common = [Vector2::new(0.0, 0.0); SURFACES];
-        let rows = self.surfaces.iter().zip(&self.covariance.ss);
-        for (slot, (common, (surface, row))) in common.iter_mut().zip(rows).enumerate() {
-            let Some(own) = row.get(slot) else { continue };
+        let own = self.surfaces.iter().zip(self.covariance.ss.variances());
+        for (slot, (common, (surface, [first_m2, second_m2]))) in common.iter_mut().zip(own).enumerate() {
             if let Some(surface) = surface {
                 let [first, second] = slopes(slot, surface);
-                common.x = if own.m11 > 0.0 { first } else { 0.0 };
-                common.y = if own.m22 > 0.0 { second } else { 0.0 };
+                common.x = if *first_m2 > 0.0 { first } else { 0.0 };
+                common.y = if *second_m2 > 0.0 { second } else { 0.0 };
             }
         }
-        for (k, (row, own)) in self.covariance.ss.iter_mut().zip(&common).enumerate() {
-            let scaled = Vector2::new(variance * own.x, variance * own.y);
-            for (block, other) in row.iter_mut().zip(&common).take(k + 1) {
-                change_once(block, &scaled, other);
-            }
-            if let Some(block) = row.get_mut(k) {
-                block.m12 = block.m21;
-            }
-        }
+        let mut pending = Pending::<SURFACES, 1>::new();
+        pending.push(variance, &common);
+        self.settle(&pending);
     }
 
     /// Covariance of a linear form of surfaces, the sum of D_k s_k over its parts (the slot of s_k, D_k); `None` where a slot
@@ -456,7 +325,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mut sum = Matrix2::new(0.0, 0.0, 0.0, 0.0);
         for (k, d_k) in parts {
             for (l, d_l) in parts {
-                let c = product_transposed(&product(d_k, &self.between(*k, *l)?), d_l);
+                let c = product_transposed(&product(d_k, &self.covariance.ss.get(*k, *l)?), d_l);
                 sum.m11 += c.m11;
                 sum.m21 += c.m21;
                 sum.m12 += c.m12;
@@ -508,7 +377,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             for (w, bs) in bias_m.iter_mut().zip(c.bs.get(*slot)?) {
                 *w += hx * bs.x + hy * bs.y;
             }
-            self.add_row(*slot, [hx, hy], &nothing, &mut surfaces)?;
+            c.ss.add_row(*slot, [hx, hy], &nothing, &mut surfaces)?;
         }
         let mut explained = 0.0;
         for (slot, d) in parts {
@@ -544,20 +413,10 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         for bs in c.bs.get_mut(slot).into_iter().flatten() {
             *bs = Vector2::new(t.m11 * bs.x + t.m12 * bs.y, t.m21 * bs.x + t.m22 * bs.y);
         }
-        for (k, row) in c.ss.iter_mut().enumerate() {
-            if k == slot {
-                for (l, block) in row.iter_mut().enumerate().take(k + 1) {
-                    *block = product(t, block);
-                    if l == k {
-                        *block = product_transposed(block, t);
-                        block.m12 = block.m21;
-                    }
-                }
-            } else if k > slot
-                && let Some(block) = row.get_mut(slot)
-            {
-                *block = product_transposed(block, t);
-            }
+        for other in 0..SURFACES {
+            let Some(block) = c.ss.get(slot, other) else { continue };
+            let carried = product(t, &block);
+            c.ss.set(slot, other, &if other == slot { product_transposed(&carried, t) } else { carried });
         }
         true
     }
@@ -572,7 +431,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mut blocks = [Matrix2::new(0.0, 0.0, 0.0, 0.0); SURFACES];
         for (other, block) in blocks.iter_mut().enumerate() {
             let other = if other == to { from } else { other };
-            if let Some(between) = self.between(from, other) {
+            if let Some(between) = self.covariance.ss.get(from, other) {
                 *block = between;
             }
         }
@@ -593,14 +452,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
         self.remove(from);
         for (other, block) in blocks.iter().enumerate().filter(|(other, _)| *other != from) {
-            let (row, column, block) = if to >= other {
-                (to, other, *block)
-            } else {
-                (other, to, Matrix2::new(block.m11, block.m21, block.m12, block.m22))
-            };
-            if let Some(place) = self.covariance.ss.get_mut(row).and_then(|row| row.get_mut(column)) {
-                *place = block;
-            }
+            self.covariance.ss.set(to, other, block);
         }
         true
     }
@@ -676,11 +528,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         for (c, o) in c.bs.iter_mut().flatten().zip(o.bs.iter().flatten()) {
             *c = c.zip_map(o, mix);
         }
-        for (k, (c, o)) in c.ss.iter_mut().zip(&o.ss).enumerate() {
-            for (c, o) in c.iter_mut().zip(o).take(k + 1) {
-                *c = c.zip_map(o, mix);
-            }
-        }
+        c.ss.mix(&o.ss, mix);
         self.change(&apart, share, share * rest);
     }
 
@@ -724,14 +572,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         if let Some(row) = c.bs.get_mut(slot) {
             row.iter_mut().for_each(|cross| cross.fill(0.0));
         }
-        if let Some(row) = c.ss.get_mut(slot) {
-            row.iter_mut().for_each(|block| block.fill(0.0));
-        }
-        for row in &mut c.ss {
-            if let Some(block) = row.get_mut(slot) {
-                block.fill(0.0);
-            }
-        }
+        c.ss.clear(slot);
     }
 
     /// Moves the state `elapsed_s` seconds ahead. Linear, in closed form: cannot fail.
@@ -751,7 +592,9 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
         let walk_m2 =
             self.motion.virtual_anchor_walk_m_sqrt_s * self.motion.virtual_anchor_walk_m_sqrt_s * elapsed_s;
-        for (k, ((cross, row), surface)) in c.xs.iter_mut().zip(&mut c.ss).zip(&self.surfaces).enumerate() {
+        for ((cross, [first_m2, second_m2]), surface) in
+            c.xs.iter_mut().zip(c.ss.variances_mut()).zip(&self.surfaces)
+        {
             let Some(surface) = surface else { continue };
             cross.m11 += drift * cross.m31;
             cross.m21 += drift * cross.m41;
@@ -761,18 +604,16 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             cross.m41 *= decay;
             cross.m32 *= decay;
             cross.m42 *= decay;
-            if let Some(block) = row.get_mut(k) {
-                let second = match surface {
-                    Surface::Private => walk_m2,
-                    Surface::Wall(_) => walk_m2 * ROTATION_WALK_PER_M2,
-                };
-                // What has no variance is known exactly.
-                if block.m11 > 0.0 {
-                    block.m11 += walk_m2;
-                }
-                if block.m22 > 0.0 {
-                    block.m22 += second;
-                }
+            let second = match surface {
+                Surface::Private => walk_m2,
+                Surface::Wall(_) => walk_m2 * ROTATION_WALK_PER_M2,
+            };
+            // What has no variance is known exactly.
+            if *first_m2 > 0.0 {
+                *first_m2 += walk_m2;
+            }
+            if *second_m2 > 0.0 {
+                *second_m2 += second;
             }
         }
         self.limit();
@@ -793,12 +634,10 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
                 }
             }
         }
-        for (k, (row, surface)) in c.ss.iter_mut().zip(&self.surfaces).enumerate() {
-            if let Some(block) = row.get_mut(k)
-                && surface.is_some()
-            {
-                block.m11 *= margin;
-                block.m22 *= margin;
+        for ([first_m2, second_m2], surface) in c.ss.variances_mut().zip(&self.surfaces) {
+            if surface.is_some() {
+                *first_m2 *= margin;
+                *second_m2 *= margin;
             }
         }
     }
@@ -831,15 +670,15 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             }
         }
         let mut s = [Vector2::new(1.0, 1.0); SURFACES];
-        for (k, ((factor_s, row), surface)) in s.iter_mut().zip(&c.ss).zip(&self.surfaces).enumerate() {
-            if let Some(own) = row.get(k) {
-                let second = match surface {
-                    Some(Surface::Wall(_)) => ROTATION_LIMIT,
-                    _ => SURFACE_LIMIT_M2,
-                };
-                factor_s.x = factor(own.m11, SURFACE_LIMIT_M2);
-                factor_s.y = factor(own.m22, second);
-            }
+        for ((factor_s, [first_m2, second_m2]), surface) in
+            s.iter_mut().zip(c.ss.variances()).zip(&self.surfaces)
+        {
+            let second = match surface {
+                Some(Surface::Wall(_)) => ROTATION_LIMIT,
+                _ => SURFACE_LIMIT_M2,
+            };
+            factor_s.x = factor(*first_m2, SURFACE_LIMIT_M2);
+            factor_s.y = factor(*second_m2, second);
         }
         if !exceeded {
             return;
@@ -853,19 +692,15 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
                 *entry *= fb * other;
             }
         }
-        for (((xs, bs), row), fs) in c.xs.iter_mut().zip(&mut c.bs).zip(&mut c.ss).zip(&s) {
+        for ((xs, bs), fs) in c.xs.iter_mut().zip(&mut c.bs).zip(&s) {
             for (column, fc) in xs.column_iter_mut().zip(fs.iter()) {
                 scale(column, x.iter(), *fc);
             }
             for (cross, fb) in bs.iter_mut().zip(&b) {
                 scale(cross.column_mut(0), fs.iter(), *fb);
             }
-            for (block, fl) in row.iter_mut().zip(&s) {
-                for (column, fc) in block.column_iter_mut().zip(fl.iter()) {
-                    scale(column, fs.iter(), *fc);
-                }
-            }
         }
+        c.ss.scale(&s);
     }
 
     /// Regression of the range to `source` on the current state; `sequence` is what reflects it, `None` for a direct path.
@@ -941,9 +776,9 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mut pending = Pending::<SURFACES, CHANGES_PER_PASS>::new();
         for innovation in innovations {
             self.apply(&innovation, &prior, &mut pending);
-            if pending.waiting == CHANGES_PER_PASS {
+            if pending.waiting() == CHANGES_PER_PASS {
                 self.settle(&pending);
-                pending.waiting = 0;
+                pending.clear();
             }
         }
         self.settle_all(&pending);
@@ -951,7 +786,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
 
     /// Makes the changes that wait, one by one.
     fn settle_all<const N: usize>(&mut self, pending: &Pending<SURFACES, N>) {
-        for change in 0..pending.waiting {
+        for change in 0..pending.waiting() {
             if let Some(change) = pending.only(change) {
                 self.settle(&change);
             }
@@ -1012,7 +847,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             agent.y += hx * xs.m21 + hy * xs.m22;
             agent.z += hx * xs.m31 + hy * xs.m32;
             agent.w += hx * xs.m41 + hy * xs.m42;
-            self.add_row(slot, [*hx, *hy], pending, &mut surfaces)?;
+            c.ss.add_row(slot, [*hx, *hy], pending, &mut surfaces)?;
             let now = self.mean.surfaces.get(slot)?;
             let then = prior.surfaces.get(slot)?;
             shift += hx * (now.x - then.x) + hy * (now.y - then.y);
@@ -1051,39 +886,6 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             explained += bias_m.get(anchor)?;
         }
         Some((StateVector { agent, bias_m, surfaces }, larger(explained, 0.0), shift))
-    }
-
-    /// w <- w + C_ss h for a form h of one surface: its row of C_ss with what waits, blocks up to its own, then those of the
-    /// later rows.
-    fn add_row(
-        &self,
-        slot: usize,
-        [hx, hy]: [f32; 2],
-        pending: &Pending<SURFACES, CHANGES_PER_PASS>,
-        w: &mut [Vector2<f32>; SURFACES],
-    ) -> Option<()> {
-        let ss = &self.covariance.ss;
-        let own = pending.w.get(slot)?;
-        let own_scaled = pending.scaled(own);
-        let Pending { waiting, scale, .. } = pending;
-        let earlier = w.iter_mut().zip(ss.get(slot)?).zip(&pending.w);
-        for (l, ((w, block), other)) in earlier.take(slot + 1).enumerate() {
-            let mut block = *block;
-            change_waiting(&mut block, *waiting, &own_scaled, &[1.0; CHANGES_PER_PASS], other);
-            if l == slot {
-                block.m12 = block.m21;
-            }
-            w.x += hx * block.m11 + hy * block.m21;
-            w.y += hx * block.m12 + hy * block.m22;
-        }
-        let later = w.iter_mut().zip(ss).zip(&pending.w);
-        for ((w, row), other) in later.skip(slot + 1) {
-            let mut block = *row.get(slot)?;
-            change_waiting(&mut block, *waiting, other, scale, own);
-            w.x += hx * block.m11 + hy * block.m12;
-            w.y += hx * block.m21 + hy * block.m22;
-        }
-        Some(())
     }
 
     /// x <- x + w gain; C <- C + scale w w' but for C_ss, every entry as (scale w_row) w_column with the row of the
@@ -1159,20 +961,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
 
     /// Makes the changes that C_ss lacks, all `N` in one pass.
     fn settle<const N: usize>(&mut self, pending: &Pending<SURFACES, N>) {
-        let rows = self.covariance.ss.iter_mut().zip(&pending.w).zip(&self.surfaces);
-        for (k, ((row, own), surface)) in rows.enumerate() {
-            if surface.is_none() {
-                continue;
-            }
-            let scaled = pending.scaled(own);
-            for (block, other) in row.iter_mut().zip(&pending.w).take(k) {
-                change_all(block, &scaled, other);
-            }
-            if let Some(block) = row.get_mut(k) {
-                change_all(block, &scaled, own);
-                block.m12 = block.m21;
-            }
-        }
+        self.covariance.ss.settle(pending, self.surfaces.iter().map(Option::is_some));
     }
 
     /// Every number of the state, in a fixed order, for traces.
@@ -1195,10 +984,11 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         c.xx.iter().for_each(|v| f(*v));
         c.xb.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
         c.bb.iter().for_each(|row| row.iter().for_each(|v| f(*v)));
-        for (k, ((xs, bs), ss)) in c.xs.iter().zip(&c.bs).zip(&c.ss).enumerate() {
+        for (k, (xs, bs)) in c.xs.iter().zip(&c.bs).enumerate() {
             xs.iter().for_each(|v| f(*v));
             bs.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
-            ss.iter().take(k + 1).for_each(|block| block.iter().for_each(|v| f(*v)));
+            let blocks = (0..=k).filter_map(|l| c.ss.get(k, l));
+            blocks.for_each(|block| block.iter().for_each(|v| f(*v)));
         }
     }
 }
@@ -1246,7 +1036,7 @@ mod tests {
                 } else if column < BEFORE {
                     c.bs[k][column - 4][axis]
                 } else {
-                    c.ss[k][(column - BEFORE) / 2][(axis, (column - BEFORE) % 2)]
+                    c.ss.get(k, (column - BEFORE) / 2).unwrap()[(axis, (column - BEFORE) % 2)]
                 }
             })
         })
@@ -1284,12 +1074,12 @@ mod tests {
         c.bs = core::array::from_fn(|k| {
             core::array::from_fn(|j| Vector2::from_fn(|axis, _| at(BEFORE + 2 * k + axis, 4 + j)))
         });
-        c.ss = core::array::from_fn(|k| {
-            core::array::from_fn(|l| {
+        for k in 0..SURFACES {
+            for l in 0..=k {
                 let block = |row: usize, column: usize| at(BEFORE + 2 * k + row, BEFORE + 2 * l + column);
-                if l <= k { Matrix2::from_fn(block) } else { Matrix2::zeros() }
-            })
-        });
+                c.ss.set(k, l, &Matrix2::from_fn(block));
+            }
+        }
         filter
     }
 
@@ -1438,8 +1228,11 @@ mod tests {
             let axis = Vector2::new(angle.cos(), angle.sin());
             let widest = (axis.transpose() * c * axis)[0];
             let mut middle = Component::newcomer(whole.clone(), -1.0);
-            assert!(middle.clone().split(widest as f32 * 1.001).iter().all(Option::is_none));
-            let [Some(left), Some(right)] = middle.split(widest as f32 * 0.999) else { panic!("not split") };
+            assert!(middle.axis_above(widest as f32 * 1.001).is_none());
+            let along = middle.axis_above(widest as f32 * 0.999).unwrap();
+            let mut sides = [middle.clone(), middle.clone()];
+            middle.split(along, &mut sides);
+            let [left, right] = sides;
             let parts = [&left, &middle, &right].map(|part| {
                 (f64::from(part.weight_nat + 1.0).exp(), mean(&part.filter), dense(&part.filter))
             });

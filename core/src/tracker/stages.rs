@@ -12,7 +12,7 @@ use crate::model::availability::Walls;
 use crate::model::plan::FloorPlan;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
 use crate::perceptor::belief::TagBelief;
-use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, Sweep, WEAK, propose};
+use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, STRONG, Sweep, propose};
 use crate::perceptor::receiver::{Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
@@ -39,7 +39,7 @@ impl Explained {
         outcome: &AssociatedScan<'_, SOURCES, PATHS>,
     ) -> Self {
         for (measurement, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
-            if measurement.is_strong(WEAK) {
+            if measurement.is_strong(STRONG) {
                 self.strong += 1.0;
                 self.known += 1.0 - free;
             }
@@ -77,11 +77,13 @@ impl Heard {
     }
 }
 
-/// Compares all components with a scan and updates them by it. Returns what the heaviest of them makes of it.
+/// Compares all components with a scan and updates them by it. What the heaviest of them makes of it, and the `claims` on the scan,
+/// become the last of the outcomes; `None` where no component expects anything.
 #[inline(never)]
 #[allow(clippy::too_many_arguments)] // each is a state, or what it is told
 pub(super) fn hear<
     'a,
+    'o,
     const ANCHORS: usize,
     const SURFACES: usize,
     const SOURCES: usize,
@@ -97,22 +99,33 @@ pub(super) fn hear<
     clutter: &ClutterMemory<ANCHORS>,
     (plan, walls): (&FloorPlan<SEGMENTS>, &Walls<'_, SEGMENTS>),
     scan: &'a Scan<PATHS>,
-    claims: &[f32; PATHS],
-) -> Option<AssociatedScan<'a, SOURCES, PATHS>> {
-    let mut best: Option<(f32, AssociatedScan<'a, SOURCES, PATHS>)> = None;
+    claims: Claims<PATHS>,
+    outcomes: &'o mut Outcomes<'a, ANCHORS, SOURCES, PATHS>,
+) -> Option<&'o AssociatedScan<'a, SOURCES, PATHS>> {
+    let (totals, place) = (claims.totals(), outcomes.len());
+    let mut claims = Some(claims);
+    let mut most = 0.0;
     let mode = told.config.association.mode;
     for component in belief.components_mut() {
         let known = Known { filter: &component.filter, environment, channel, plan, walls };
         let Some(expected) = known.expect(told, scan) else { continue };
-        let outcome = associate_scan(scan, expected, claims, &clutter.clutter(scan.anchor), mode);
+        let outcome = associate_scan(scan, expected, &totals, &clutter.clutter(scan.anchor), mode);
         component.weight_nat += outcome.beliefs.evidence_nat;
         component.filter.update(outcome.innovations());
-        if best.as_ref().is_none_or(|(most, _)| component.weight_nat > *most) {
-            best = Some((component.weight_nat, outcome));
+        // Kept where it stays: an outcome takes kilobytes.
+        if let Some(claims) = claims.take() {
+            // As many as scans: the push succeeds.
+            let _ = outcomes.push((outcome, claims));
+            most = component.weight_nat;
+        } else if component.weight_nat > most
+            && let Some((best, _)) = outcomes.get_mut(place)
+        {
+            *best = outcome;
+            most = component.weight_nat;
         }
     }
     belief.reduce();
-    best.map(|(_, outcome)| outcome)
+    outcomes.get(place).map(|(outcome, _)| outcome)
 }
 
 /// Places that the scans propose.

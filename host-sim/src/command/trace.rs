@@ -3,7 +3,7 @@
 use super::{check_writable, print, print_json, recording_or_room};
 use crate::Failure;
 use cogmint::replay::Setup;
-use cogmint::trace::{feed, trace};
+use cogmint::trace::{feed, trace, trace_on_target};
 use cogmint::whole_file;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ pub struct Options {
     /// Seed of the seminar room and of the tracker.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Write the feed that makes the firmware compute the same.
+    /// Trace in the tracker of the target, and write the feed that makes the firmware compute the same.
     #[arg(long, value_name = "FILE")]
     feed: Option<PathBuf>,
     /// Print one JSON object.
@@ -39,11 +39,14 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     options.feed.as_deref().map(check_writable).transpose()?;
     recording.cycles.truncate(cycles);
     let setup = Setup::new(&recording, &file, Some(options.seed))?;
-    let steps = trace(&setup, &recording, &file)?;
-    if let Some(to) = &options.feed {
+    let steps = if let Some(to) = &options.feed {
+        let steps = trace_on_target(&setup, &recording, &file)?;
         let bytes = feed(&setup, &recording, &file)?;
         whole_file::write_all(&[(to, &bytes)])?;
-    }
+        steps
+    } else {
+        trace(&setup, &recording, &file)?
+    };
     let hashes: Vec<String> = steps.iter().map(|step| format!("{:016x}", step.hash)).collect();
     if options.json {
         return print_json(&Outcome { cycles: hashes.len(), hashes });

@@ -22,7 +22,7 @@ const CLEAR: f32 = 0.9;
 /// The place is known this well, metres: true places are exact but walls are thick.
 const PLACE_STD_M: f32 = 0.05;
 /// Share that comes through a wall of which nothing is known.
-const THROUGH: f32 = cogmint_core::memory::transmission::USUAL_THROUGH;
+const THROUGH: f32 = cogmint_core::model::availability::USUAL_THROUGH;
 /// The image of a source is the channel's within this distance, metres.
 const SAME_M: f64 = 0.01;
 /// Places looked at on each way, at most.

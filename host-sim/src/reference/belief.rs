@@ -10,14 +10,13 @@ use super::real::{Real, exp, larger, ln, sqrt, square, tau};
 use super::state_filter::StateFilter;
 use super::{Square, zeros};
 use cogmint_core::perceptor::belief::component::{
-    BLOCKED_NAT, LEAST_DETERMINANT, LEAST_SPREAD, LEAST_THROUGH, ONE_PLACE, ONE_VELOCITY, OPEN_NAT, OUTSIDE,
-    SHORTEST_WAY_M,
+    LEAST_DETERMINANT, LEAST_SPREAD, LEAST_THROUGH, ONE, OUTSIDE,
 };
-use cogmint_core::perceptor::belief::reduction::{JOINED_NAT, LEAST_SHARE, PROTECTED};
-use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LIGHTEST_NAT, ONE_PLACE_M};
+use cogmint_core::perceptor::belief::reduction::{LEAST_SHARE, PROTECTED};
+use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LIGHTEST_NAT};
 use cogmint_core::perceptor::belief::{
-    BeliefSettings, CHILDREN_NAT, DOUBT_BELOW, ESTABLISHED_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN,
-    SPLIT_NAT, SURE_WITHIN_M2, TRUSTED_ABOVE, TRUSTED_WITHIN_M2,
+    BeliefSettings, CHILDREN_NAT, COUNTS_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, PLACE_M, SETTLED,
+    SURE_WITHIN_M2, TRUSTED_WITHIN_M2,
 };
 use std::fmt;
 
@@ -63,6 +62,8 @@ pub struct Belief<T> {
     /// What is believed.
     pub summary: Summary<T>,
     explained: T,
+    /// Whether what was heard last left doubt.
+    is_doubtful: bool,
     heard: u32,
 }
 
@@ -94,6 +95,7 @@ impl<T: Real> Belief<T> {
             components: vec![first],
             leader: 0,
             trusted: filter,
+            is_doubtful: summary.variance_m2() > T::of(SURE_WITHIN_M2),
             summary,
             explained: T::ONE,
             heard: 0,
@@ -118,10 +120,7 @@ impl<T: Real> Belief<T> {
 
     /// Whether places are proposed in this cycle.
     pub fn proposes(&self) -> bool {
-        self.summary.probability < T::of(DOUBT_BELOW)
-            || self.summary.variance_m2() > T::of(SURE_WITHIN_M2)
-            || self.explained < T::of(EXPLAINED_BELOW)
-            || self.heard % proposal::EVERY == 0
+        self.is_doubtful || self.heard % proposal::EVERY == 0
     }
 
     /// Where its arcs begin.
@@ -141,7 +140,7 @@ impl<T: Real> Belief<T> {
         }
         // Split first, then turn.
         let room = self.room();
-        for parent in self.parents(SPLIT_NAT) {
+        for parent in self.parents(COUNTS_NAT) {
             if self.components.len() + 2 > room {
                 break;
             }
@@ -263,7 +262,7 @@ impl<T: Real> Belief<T> {
                 kept.push(index);
                 newcomers += usize::from(is_new);
                 established += usize::from(!is_new);
-            } else if !is_new && behind <= T::of(JOINED_NAT) {
+            } else if !is_new && behind <= T::of(COUNTS_NAT) {
                 let mut nearest: Option<(usize, T)> = None;
                 for &other in kept.iter().filter(|&&other| self.components[other].age >= PROTECTED) {
                     let distance = apart(&self.components[other].filter.agent(), &agent);
@@ -313,7 +312,7 @@ impl<T: Real> Belief<T> {
         }
         self.reduce();
         let total = self.total_nat();
-        let established = self.best_nat() - T::of(ESTABLISHED_NAT);
+        let established = self.best_nat() - T::of(COUNTS_NAT);
         for component in &mut self.components {
             if component.weight_nat > established {
                 component.age = u16::MAX;
@@ -321,7 +320,10 @@ impl<T: Real> Belief<T> {
             component.weight_nat -= total;
         }
         self.summarise();
-        let is_known = self.summary.probability > T::of(TRUSTED_ABOVE);
+        self.is_doubtful = self.summary.probability < T::of(SETTLED)
+            || self.summary.variance_m2() > T::of(SURE_WITHIN_M2)
+            || self.explained < T::of(EXPLAINED_BELOW);
+        let is_known = self.summary.probability > T::of(SETTLED);
         if is_known && self.summary.variance_m2() < T::of(TRUSTED_WITHIN_M2) {
             self.trusted = self.leading().clone();
         }
@@ -353,7 +355,7 @@ impl<T: Real> Belief<T> {
                 continue;
             }
             let c = &agent.covariance;
-            let near_m2 = square(num(ONE_PLACE_M)) + num(DEVIATIONS) * (c[PX][PX] + c[PY][PY]);
+            let near_m2 = square(num(PLACE_M)) + num(DEVIATIONS) * (c[PX][PX] + c[PY][PY]);
             let mut weight = T::ZERO;
             let mut sum = [T::ZERO; 2];
             for (own, other) in weights.iter().zip(&agents) {
@@ -461,14 +463,15 @@ impl<T: Real> Component<T> {
         let position_m = self.filter.position_m();
         let c = &agent.covariance;
         let std_m = sqrt(larger(num(0.5) * (c[PX][PX] + c[PY][PY]), T::ZERO));
-        let way_nat = ln(larger(through(self.from_m, position_m, std_m), num(LEAST_THROUGH)));
+        let open = larger(through(self.from_m, position_m, std_m), num(LEAST_THROUGH));
+        let way_nat = ln(open);
         let place_nat = ln(larger(inside(position_m, std_m), num(OUTSIDE)));
         self.weight_nat += (way_nat + place_nat) - self.hindrance_nat;
         self.hindrance_nat = way_nat + place_nat;
         let way = [0, 1].map(|axis| position_m[axis] - self.from_m[axis]);
-        let is_long = square(way[0]) + square(way[1]) > square(num(SHORTEST_WAY_M));
-        let is_open = way_nat > num(OPEN_NAT);
-        let is_blocked = way_nat < num(BLOCKED_NAT);
+        let is_long = square(way[0]) + square(way[1]) > square(num(PLACE_M));
+        let is_open = open > num(1.0 - 2.0 * LEAST_THROUGH);
+        let is_blocked = open < num(2.0 * LEAST_THROUGH);
         if is_long && (is_open || is_blocked) {
             self.from_m = position_m;
             self.hindrance_nat = place_nat;
@@ -496,8 +499,7 @@ pub fn apart<T: Real>(a: &Agent<T>, b: &Agent<T>) -> T {
 
 /// Whether two tags are at one place and move alike.
 fn is_one<T: Real>(a: &Agent<T>, b: &Agent<T>) -> bool {
-    apart(a, b) <= T::of(ONE_PLACE)
-        && squared_deviations(a, b, [VX, VY], LEAST_SPREAD[1]) <= T::of(ONE_VELOCITY)
+    apart(a, b) <= T::of(ONE) && squared_deviations(a, b, [VX, VY], LEAST_SPREAD[1]) <= T::of(ONE)
 }
 
 /// d' C^-1 d of two states, `least` being added to both variances.

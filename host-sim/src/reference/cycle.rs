@@ -25,7 +25,7 @@ use super::state_filter::{Prior, StateFilter};
 use super::transmission::TransmissionMemory;
 use cogmint_core::model::observation::{Observation, TagHeight};
 use cogmint_core::perceptor::belief::component::LEAPT;
-use cogmint_core::perceptor::belief::proposal::WEAK;
+use cogmint_core::perceptor::belief::proposal::STRONG;
 use cogmint_core::radio::library::Action;
 use cogmint_core::real::SPEED_OF_LIGHT_M_S;
 use cogmint_core::{Anchor, Config, Map};
@@ -242,7 +242,7 @@ impl<T: Real> Reference<T> {
             belief.reduce();
             let Some((_, outcome)) = best else { continue };
             for (z, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
-                if z.is_strong(WEAK) {
+                if z.is_strong(STRONG) {
                     strong += T::ONE;
                     explained += T::ONE - *free;
                 }

@@ -9,7 +9,8 @@ use super::plan::{FloorPlan, Wall};
 use super::real::{Real, abs, exp, limited, sin, smaller, sqrt, square, tau};
 use super::surface::less;
 use cogmint_core::Anchor;
-use cogmint_core::model::listing::{PLACE_STD_M, THROUGH};
+use cogmint_core::model::availability::USUAL_THROUGH;
+use cogmint_core::model::listing::PLACE_STD_M;
 use cogmint_core::radio::pulse::MERGED;
 
 /// A source worth keeping.
@@ -41,7 +42,7 @@ pub fn list<T: Real>(
     let told = &plan.walls;
     let now: Vec<WallNow<T>> = told
         .iter()
-        .map(|wall| WallNow::new(wall.clone(), T::of(wall.told.offset_std_m), T::of(THROUGH)))
+        .map(|wall| WallNow::new(wall.clone(), T::of(wall.told.offset_std_m), T::of(USUAL_THROUGH)))
         .collect();
     let places = places(plan);
     let share = |anchor: &Anchor, sequence: &[usize], is_either: bool| {

@@ -2,10 +2,10 @@
 
 use super::association::{Clutter, Expectation, Measurement, background_per_m};
 use super::real::{Real, cos, exp, larger, ln, sin, sqrt, square, tau};
+use cogmint_core::perceptor::belief::PLACE_M;
 pub use cogmint_core::perceptor::belief::proposal::EVERY;
 use cogmint_core::perceptor::belief::proposal::{
-    ACROSS, ALONG_M, ARCS, EARLIEST, GATE2, GOLDEN, LEAST_ACROSS_M, LEAST_EVIDENCE, LEAST_INSIDE, PROPOSED,
-    STRONG,
+    ACROSS, ARCS, EARLIEST, GATE2, GOLDEN, LEAST_ACROSS_M, LEAST_EVIDENCE, LEAST_INSIDE, PROPOSED, STRONG,
 };
 
 /// A place that the tag may be at.
@@ -85,7 +85,7 @@ pub fn propose<T: Real>(sweeps: &[Sweep<T>], inside: impl Fn([T; 2], T) -> T, ph
                 for other in sweeps {
                     evidence_nat += other.evidence_nat(position_m, square(across_m));
                 }
-                let variance_m2 = [square(num(ALONG_M)), square(across_m)];
+                let variance_m2 = [square(num(PLACE_M)), square(across_m)];
                 let proposal = Proposal { position_m, radial, variance_m2, evidence_nat };
                 if best.len() < PROPOSED {
                     best.push(proposal);
@@ -136,7 +136,7 @@ impl<T: Real> Sweep<T> {
                 evidence_nat += unexplained_nat;
                 direct_m = range_m;
             }
-            if range_m < direct_m - num(ALONG_M) {
+            if range_m < direct_m - num(PLACE_M) {
                 continue;
             }
             let mut terms = vec![T::ZERO; count];

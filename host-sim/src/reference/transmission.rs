@@ -5,7 +5,8 @@
 
 use super::availability::Crossing;
 use super::real::{Real, larger, smaller};
-use cogmint_core::memory::transmission::{LEAST_CLEAR, USUAL_CLEAR, USUAL_S, USUAL_THROUGH};
+use cogmint_core::memory::transmission::{LEAST_CLEAR, USUAL_CLEAR, USUAL_S};
+use cogmint_core::model::availability::USUAL_THROUGH;
 use std::fmt;
 
 /// Seconds of looking.

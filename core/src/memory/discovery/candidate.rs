@@ -19,8 +19,8 @@ pub const NEXT_DIRECTION: [f32; 2] = [0.866_025_4, 0.5];
 pub const LIGHTEST: f32 = 1e-4;
 /// Capacity: candidates less probable than this make room.
 pub const LEAST_EXISTENCE: f32 = 0.02;
-/// Tuned: a candidate is taken for an image where it is as sure to exist as one that a plan tells of.
-pub const RESOLVED_EXISTENCE: f32 = 0.9;
+/// Mathematics: a candidate is taken for an image where it is as sure to exist as one that a plan tells of.
+pub const RESOLVED_EXISTENCE: f32 = crate::memory::environment::TOLD;
 /// Guard: against certainty that no miss would undo: most that existence may become.
 pub const MOST_EXISTENCE: f32 = 0.999;
 /// Guard: against a detection probability from few scans: the one told counts for so many.

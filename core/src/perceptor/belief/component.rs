@@ -1,5 +1,6 @@
 //! One component of the belief: a joint state and its weight.
 
+use super::PLACE_M;
 use crate::model::motion::Agent;
 use crate::perceptor::state_filter::StateFilter;
 use crate::real::{larger, ln, sqrt};
@@ -8,16 +9,8 @@ use crate::real::{larger, ln, sqrt};
 pub const LEAST_THROUGH: f32 = 0.05;
 /// Guard: against an outline believed to the letter: least probability of a place outside.
 pub const OUTSIDE: f32 = 1e-3;
-/// Tuned: against deciding from the noise of the position: a way shorter than this is not decided yet, metres.
-pub const SHORTEST_WAY_M: f32 = 0.3;
-/// Tuned: ln of the probability above which a way is open for certain,
-pub const OPEN_NAT: f32 = -0.1;
-/// Tuned: and below which it is blocked for certain, little above ln [`LEAST_THROUGH`].
-pub const BLOCKED_NAT: f32 = -2.5;
-/// Tuned: two components are one where their positions are nearer than this, in squared deviations of their difference,
-pub const ONE_PLACE: f32 = 0.5;
-/// Tuned: and their velocities nearer than this.
-pub const ONE_VELOCITY: f32 = 0.7;
+/// Tuned: two tags are one where places and velocities differ by less than this, in squared deviations of their differences.
+pub const ONE: f32 = 0.5;
 /// Mathematics: squared deviations beyond which a tag has not moved to another place but is elsewhere: three.
 pub const LEAPT: f32 = 9.0;
 /// Guard: against the division by them: what the variances of differences have on top, square metres and m^2/s^2.
@@ -59,29 +52,29 @@ impl<const ANCHORS: usize, const SURFACES: usize> Component<ANCHORS, SURFACES> {
         Self { filter, weight_nat, age: 0, hindrance: Hindrance { from_m, nat: 0.0 } }
     }
 
-    /// Where its largest variance is above this, becomes the middle one of three components and returns the others: weights 1/2
-    /// and 1/4 each, a deviation apart, with half of the variance left. Mean and covariance of the three are those of the one.
-    pub fn split(&mut self, widest_m2: f32) -> [Option<Self>; 2] {
+    /// The axis (a unit vector) along which its position varies most, where it does by more than this variance.
+    pub fn axis_above(&self, widest_m2: f32) -> Option<[f32; 2]> {
         let c = self.filter.position_covariance_m2();
         let (half, apart) = (0.5 * (c.m11 + c.m22), 0.5 * (c.m11 - c.m22));
         let major = half + sqrt(apart * apart + c.m21 * c.m21);
         if major <= widest_m2 {
-            return [None, None];
+            return None;
         }
         // The longest axis, from the row of C - major that is not nearly zero.
         let (x, y) = if apart > 0.0 { (major - c.m22, c.m21) } else { (c.m21, major - c.m11) };
         let norm = sqrt(x * x + y * y);
-        let axis = if norm > 0.0 { [x / norm, y / norm] } else { [1.0, 0.0] };
-        let side = |deviations: f32| {
-            let mut side = self.clone();
-            side.filter.narrow(axis, deviations, 0.5);
-            side.weight_nat += ln(0.25);
-            Some(side)
-        };
-        let sides = [side(-1.0), side(1.0)];
+        Some(if norm > 0.0 { [x / norm, y / norm] } else { [1.0, 0.0] })
+    }
+
+    /// Becomes the middle one of three components along an axis, and its copies the others: weights 1/2 and 1/4 each, a deviation
+    /// apart, with half of the variance left. Mean and covariance of the three are those of the one.
+    pub fn split(&mut self, axis: [f32; 2], copies: &mut [Self; 2]) {
+        for (copy, deviations) in copies.iter_mut().zip([-1.0, 1.0]) {
+            copy.filter.narrow(axis, deviations, 0.5);
+            copy.weight_nat += ln(0.25);
+        }
         self.filter.narrow(axis, 0.0, 0.5);
         self.weight_nat += ln(0.5);
-        sides
     }
 
     /// Enters the way since it was last decided, and the place, in place of those entered before. A way that is decided stays in
@@ -95,13 +88,17 @@ impl<const ANCHORS: usize, const SURFACES: usize> Component<ANCHORS, SURFACES> {
         let c = self.filter.position_covariance_m2();
         let std_m = sqrt(larger(0.5 * (c.m11 + c.m22), 0.0));
         let Hindrance { from_m: [from_x, from_y], nat } = self.hindrance;
-        let way_nat = ln(larger(through([from_x, from_y], [x, y], std_m), LEAST_THROUGH));
+        let way = larger(through([from_x, from_y], [x, y], std_m), LEAST_THROUGH);
+        let way_nat = ln(way);
         let place_nat = ln(larger(inside([x, y], std_m), OUTSIDE));
         self.weight_nat += (way_nat + place_nat) - nat;
         self.hindrance.nat = way_nat + place_nat;
         let (dx, dy) = (x - from_x, y - from_y);
-        let is_long = dx * dx + dy * dy > SHORTEST_WAY_M * SHORTEST_WAY_M;
-        if is_long && !(BLOCKED_NAT..=OPEN_NAT).contains(&way_nat) {
+        // A short way may be the noise of the position.
+        let is_long = dx * dx + dy * dy > PLACE_M * PLACE_M;
+        let is_open = way > 1.0 - 2.0 * LEAST_THROUGH;
+        let is_blocked = way < 2.0 * LEAST_THROUGH;
+        if is_long && (is_open || is_blocked) {
             self.hindrance = Hindrance { from_m: [x, y], nat: place_nat };
         }
     }
@@ -125,12 +122,12 @@ pub fn apart(a: &Agent, b: &Agent) -> f32 {
 
 /// Whether two tags are one: at one place, and moving alike.
 pub fn is_one(a: &Agent, b: &Agent) -> bool {
-    if apart(a, b) > ONE_PLACE {
+    if apart(a, b) > ONE {
         return false;
     }
     let difference = [a.mean.z - b.mean.z, a.mean.w - b.mean.w];
     let c = a.covariance + b.covariance;
-    squared_deviations(difference, [c.m33, c.m43, c.m44], LEAST_SPREAD[1]) <= ONE_VELOCITY
+    squared_deviations(difference, [c.m33, c.m43, c.m44], LEAST_SPREAD[1]) <= ONE
 }
 
 /// d' C^-1 d, C having `least` more on its diagonal.

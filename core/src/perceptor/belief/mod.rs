@@ -54,7 +54,7 @@ impl Default for BeliefSettings {
         Self {
             turns_per_s: 0.2,
             elsewhere_per_s: 1e-4,
-            split_above_m: 0.15,
+            split_above_m: 0.3,
             dropped_nat: 25.0,
             sure_probability: 0.9,
         }
@@ -63,24 +63,25 @@ impl Default for BeliefSettings {
 
 /// Mathematics: more probable than not: below this probability of the leading place the tag is searched for.
 pub const KNOWN: f32 = 0.5;
-/// Tuned: against a map judged from a place known too roughly: largest sum of the position's variances, square metres.
-pub const SURE_WITHIN_M2: f32 = 0.25;
-/// Tuned: against proposing where the tag is known: doubt below this probability of the leading place,
-pub const DOUBT_BELOW: f32 = 0.97;
-/// Tuned: or where less than this share of the strong paths is explained.
+/// Tuned: places nearer to each other than this are one, metres.
+pub const PLACE_M: f32 = 0.3;
+/// Mathematics: against a map judged from a place known too roughly: largest sum of the position's variances, square metres: as
+/// wide as a place on both axes.
+pub const SURE_WITHIN_M2: f32 = 2.0 * (PLACE_M * PLACE_M);
+/// Tuned: probability of the leading place from which on the tag is settled there; below, newcomers are needed.
+pub const SETTLED: f32 = 0.98;
+/// Mathematics: largest sum of the position's variances of a settled tag whose state is kept for newcomers, square metres: half
+/// the deviation.
+pub const TRUSTED_WITHIN_M2: f32 = 0.25 * SURE_WITHIN_M2;
+/// Tuned: newcomers are needed as well where less than this share of the strong paths is explained.
 pub const EXPLAINED_BELOW: f32 = 0.8;
 /// Tuned: smoothing of that share, by one cycle.
 pub const EXPLAINED_GAIN: f32 = 0.1;
-/// Tuned: probability of the leading place from which on the state is kept for newcomers,
-pub const TRUSTED_ABOVE: f32 = 0.99;
-/// Tuned: where the sum of the position's variances is below this, square metres.
-pub const TRUSTED_WITHIN_M2: f32 = 0.04;
-/// Tuned: evidence by which a component may be behind the best to count as established, nats.
-pub const ESTABLISHED_NAT: f32 = 5.0;
+/// Tuned: evidence by which a component may be behind the best and still count, nats: it is established, it is split where it is
+/// wide, and where there is no room for it it joins another one, so that the spread stays honest.
+pub const COUNTS_NAT: f32 = 6.0;
 /// Guard: against work on what hardly counts: children of components that are further behind the best are not made, nats.
 pub const CHILDREN_NAT: f32 = 12.0;
-/// Tuned: components that are further behind the best are not split, nats: splits come first and take the room.
-pub const SPLIT_NAT: f32 = 6.0;
 
 /// The mixture: up to `COMPONENTS` joint states.
 #[derive(Clone, Debug)]
@@ -96,6 +97,8 @@ pub struct TagBelief<const ANCHORS: usize, const SURFACES: usize, const COMPONEN
     summary: Summary,
     /// Smoothed share of the strong paths that the leader explains.
     explained: f32,
+    /// Whether it was doubtful where the tag is when it was last heard.
+    is_doubtful: bool,
     /// Cycles heard, counted on.
     heard: u32,
 }
@@ -119,6 +122,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             trusted: filter,
             summary,
             explained: 1.0,
+            is_doubtful: summary.variance_m2() > SURE_WITHIN_M2,
             heard: 0,
         }
     }
@@ -162,9 +166,13 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             && self.summary.variance_m2() < SURE_WITHIN_M2
     }
 
-    /// Whether newcomers are needed.
+    /// Whether newcomers are needed, by what was heard last: prediction alone makes a place wider, not doubtful.
     pub fn is_doubtful(&self) -> bool {
-        self.summary.probability < DOUBT_BELOW
+        self.is_doubtful
+    }
+
+    fn doubts(&self) -> bool {
+        self.summary.probability < SETTLED
             || self.summary.variance_m2() > SURE_WITHIN_M2
             || self.explained < EXPLAINED_BELOW
     }
@@ -184,47 +192,69 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         // Splits come first: turned children would take their room, and a component so wide that the circle of a range bends away
         // from it loses weight to narrower ones in every cycle, wherever the tag is.
         let widest_m2 = self.settings.split_above_m * self.settings.split_above_m;
-        self.branch(SPLIT_NAT, |component| component.split(widest_m2));
+        self.branch(
+            COUNTS_NAT,
+            |component| component.axis_above(widest_m2),
+            |component, copies, axis| component.split(axis, copies),
+        );
         let turned = probability(self.settings.turns_per_s, unheard_s);
         if turned > 0.0 {
             let speed_m2_s2 = self.speed_m2_s2;
-            self.branch(CHILDREN_NAT, |component| {
-                let mut child = component.clone();
-                child.filter.turn(speed_m2_s2, unheard_s);
-                child.weight_nat += ln(turned);
-                component.weight_nat += ln(larger(1.0 - turned, f32::MIN_POSITIVE));
-                [Some(child), None]
-            });
+            self.branch(
+                CHILDREN_NAT,
+                |_| Some(()),
+                |component, [child], ()| {
+                    child.filter.turn(speed_m2_s2, unheard_s);
+                    child.weight_nat += ln(turned);
+                    component.weight_nat += ln(larger(1.0 - turned, f32::MIN_POSITIVE));
+                },
+            );
         }
     }
 
-    /// Adds children of the components within so many nats of the best, the heaviest first, as long as there is room for both and
-    /// for newcomers.
-    fn branch(
+    /// Adds children of the components within so many nats of the best, the heaviest first, as long as there is room for two and
+    /// for newcomers: of those that are `due`, copies, of which `divide` makes what they are. They are copied into their slots: a
+    /// component takes kilobytes.
+    fn branch<const CHILDREN: usize, T>(
         &mut self,
         within_nat: f32,
-        mut children: impl FnMut(&mut Component<ANCHORS, SURFACES>) -> [Option<Component<ANCHORS, SURFACES>>; 2],
+        due: impl Fn(&Component<ANCHORS, SURFACES>) -> Option<T>,
+        divide: impl Fn(&mut Component<ANCHORS, SURFACES>, &mut [Component<ANCHORS, SURFACES>; CHILDREN], T),
     ) {
         let least = self.best_nat() - within_nat;
         let newcomers = self.components.iter().filter(|component| component.age < PROTECTED).count();
         let room = COMPONENTS.saturating_sub((COMPONENTS / 4).saturating_sub(newcomers));
-        for index in self.order() {
-            if self.components.len() + 2 > room {
+        for &index in &self.order() {
+            let first = self.components.len();
+            if first + 2 > room {
                 return;
             }
-            let Some(component) = self.components.get_mut(index).filter(|own| own.weight_nat > least) else {
+            let Some(parent) = self.components.get(index).filter(|own| own.weight_nat > least) else {
                 return;
             };
-            for child in children(component).into_iter().flatten() {
-                // There is room: the push succeeds.
-                let _ = self.components.push(child);
+            let Some(how) = due(parent) else { continue };
+            for _ in 0..CHILDREN {
+                self.copy(index);
             }
+            let Some((parents, children)) = self.components.split_at_mut_checked(first) else { return };
+            let Some(parent) = parents.get_mut(index) else { return };
+            if let Some(children) = children.first_chunk_mut() {
+                divide(parent, children, how);
+            }
+        }
+    }
+
+    /// Adds a copy of a component, where there is room.
+    #[inline(never)]
+    fn copy(&mut self, index: usize) {
+        if let Some(component) = self.components.get(index) {
+            let _ = self.components.push(component.clone());
         }
     }
 
     /// Whether places are to be proposed in this cycle: in doubt, and now and then.
     pub fn proposes(&self) -> bool {
-        self.is_doubtful() || self.heard.is_multiple_of(proposal::EVERY)
+        self.is_doubtful || self.heard.is_multiple_of(proposal::EVERY)
     }
 
     /// Where the arcs of a cycle begin, as a share of an arc.
@@ -279,7 +309,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
         self.reduce();
         let total = self.total_nat();
-        let established = self.best_nat() - ESTABLISHED_NAT;
+        let established = self.best_nat() - COUNTS_NAT;
         for component in &mut self.components {
             if component.weight_nat > established {
                 component.age = u16::MAX;
@@ -287,7 +317,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             component.weight_nat -= total;
         }
         self.sum_up();
-        if self.summary.probability > TRUSTED_ABOVE && self.summary.variance_m2() < TRUSTED_WITHIN_M2 {
+        self.is_doubtful = self.doubts();
+        if self.summary.probability > SETTLED && self.summary.variance_m2() < TRUSTED_WITHIN_M2 {
             self.trusted = self.leader().clone();
         }
     }
@@ -362,6 +393,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.trusted.visit(&mut f);
         self.summary.visit(&mut f);
         f(self.explained);
+        f(f32::from(u8::from(self.is_doubtful)));
         f(self.heard as f32);
     }
 }

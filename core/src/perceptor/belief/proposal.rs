@@ -8,6 +8,7 @@
 //!
 //! The best become components, with little weight: what follows decides.
 
+use super::PLACE_M;
 use crate::model::measurement::{Clutter, Measurement};
 use crate::perceptor::association::background::Background;
 use crate::perceptor::expectation::Expectation;
@@ -22,12 +23,9 @@ pub const EARLIEST: usize = 2;
 pub const PROPOSED: usize = 4;
 /// Capacity: where the tag is known, places are still proposed once in so many cycles in which anything is heard.
 pub const EVERY: u32 = 5;
-/// Tuned: paths of which false alarms are so probable are not tried: their density over that of all.
-pub const STRONG: f32 = 0.6;
-/// Tuned: below this such density a path is strong, and one that nothing explains raises doubt.
-pub const WEAK: f32 = 0.3;
-/// Tuned: standard deviation of a proposed place along the radius, metres.
-pub const ALONG_M: f32 = 0.3;
+/// Tuned: a path is strong, is tried as a direct one, and raises doubt where nothing explains it, where the density of false
+/// alarms of its strength over that of all is below this.
+pub const STRONG: f32 = 0.3;
 /// Mathematics: standard deviation of an arc along the circle over its length: of a uniform distribution.
 pub const ACROSS: f32 = 0.288_675_13;
 /// Guard: against an arc without a length, where the tag is at the anchor: least standard deviation along the circle, metres.
@@ -126,7 +124,7 @@ pub fn propose<'a, const PATHS: usize, L: Iterator<Item = Landmark>>(
                 for (other, sweep) in sweeps.iter().enumerate() {
                     evidence_nat += weigh(position_m, across_m * across_m, sweep, landmarks(other));
                 }
-                let variance_m2 = [ALONG_M * ALONG_M, across_m * across_m];
+                let variance_m2 = [PLACE_M * PLACE_M, across_m * across_m];
                 keep(&mut best, Proposal { position_m, radial, variance_m2, evidence_nat });
             }
         }
@@ -175,7 +173,7 @@ fn weigh<const PATHS: usize>(
             evidence_nat += background.evidence_nat(sweep.measurements.len());
             (background, range_m)
         });
-        if range_m < direct_m - ALONG_M {
+        if range_m < direct_m - PLACE_M {
             continue;
         }
         let mut terms = [0.0; PATHS];
@@ -361,7 +359,7 @@ mod tests {
                 if range == direct_m {
                     sum += measurements.iter().map(|z| (per_m(z) / 0.2).ln()).sum::<f64>();
                 }
-                if range < direct_m - f64::from(ALONG_M) {
+                if range < direct_m - f64::from(PLACE_M) {
                     continue;
                 }
                 let q = f64::from(landmark.detection);

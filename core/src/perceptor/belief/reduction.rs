@@ -1,14 +1,12 @@
 //! Reduction: components that have become one are merged, and the lightest give way.
 
-use super::TagBelief;
 use super::component::{Component, apart, is_one};
+use super::{COUNTS_NAT, TagBelief};
 use crate::real::{exp, larger, ln};
 use heapless::Vec;
 
 /// Tuned: against dropping a newcomer before it could show anything: cycles heard in which it stays whatever its weight.
 pub const PROTECTED: u16 = 5;
-/// Tuned: a component that finds no room but is so near to the best, nats, joins the nearest, so that the spread stays honest.
-pub const JOINED_NAT: f32 = 7.0;
 /// Guard: against work on what changes nothing: share below which a merged component's state is not mixed in.
 pub const LEAST_SHARE: f32 = 1e-4;
 
@@ -33,8 +31,13 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 self.components.get(other).is_some_and(|other| !(other.weight_nat < component.weight_nat))
             };
             let place = order.iter().take_while(|other| heavier(other)).count();
-            // As many as components: the insertion succeeds.
-            let _ = order.insert(place, index);
+            // Takes that place, and every later one the next; `Vec::insert` has a panic that no compiler finds unreachable.
+            let mut last = index;
+            for later in order.iter_mut().skip(place) {
+                core::mem::swap(later, &mut last);
+            }
+            // As many as components: the push succeeds.
+            let _ = order.push(last);
         }
         order
     }
@@ -48,7 +51,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let mut kept: Vec<usize, COMPONENTS> = Vec::new();
         let (mut established, mut newcomers) = (0, 0);
         let mut is_kept = [false; COMPONENTS];
-        for index in order {
+        for &index in &order {
             match self.fate(index, best, &kept, established, newcomers) {
                 Fate::Dropped => {}
                 Fate::Merged(other) => self.merge(other, index),
@@ -95,7 +98,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         if fits {
             return Fate::Kept;
         }
-        if is_new || behind > JOINED_NAT {
+        if is_new || behind > COUNTS_NAT {
             return Fate::Dropped;
         }
         let mut nearest: Option<(usize, f32)> = None;

@@ -1,13 +1,13 @@
 //! What is believed of where the tag is, in one place, one covariance and one probability.
 
+use super::PLACE_M;
 use super::component::Component;
 use crate::model::motion::Agent;
 use crate::real::exp;
 use nalgebra::Matrix2;
 
-/// Tuned: components nearer to one than this are one place with it, metres,
-pub const ONE_PLACE_M: f32 = 0.3;
-/// Mathematics: or nearer than so many of its deviations, squared, per axis.
+/// Mathematics: components are one place where they are nearer than so many deviations of the one, squared, per axis, beyond
+/// [`PLACE_M`].
 pub const DEVIATIONS: f32 = 2.0;
 /// Guard: against work on what does not count: components lighter than this lead no place, nats.
 pub const LIGHTEST_NAT: f32 = -4.0;
@@ -60,7 +60,7 @@ impl Summary {
         for component in components.iter().filter(|component| component.weight_nat > LIGHTEST_NAT) {
             let [x, y] = component.filter.position_m();
             let c = component.filter.position_covariance_m2();
-            let near_m2 = ONE_PLACE_M * ONE_PLACE_M + DEVIATIONS * (c.m11 + c.m22);
+            let near_m2 = PLACE_M * PLACE_M + DEVIATIONS * (c.m11 + c.m22);
             let (mut weight, mut sum_x, mut sum_y) = (0.0, 0.0, 0.0);
             for other in components {
                 let [other_x, other_y] = other.filter.position_m();

@@ -6,7 +6,7 @@
 
 pub mod overlap;
 
-use self::overlap::{Arrival, Overlap};
+use self::overlap::{Arrival, Nearness, Overlap};
 use super::scan::Scan;
 use crate::model::channel::ChannelPrior;
 use crate::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION, detection_probability};
@@ -179,21 +179,29 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
             expectation.variance_m2 = regression.variance_m2();
             expectation.detection = overlap.resolved(expectation.detection);
         };
-        let mut overlap = Overlap::default();
-        for other in &others {
-            overlap.add(pulse, &first, other);
+        // How near two paths are is worked out once for both. Each adds up its neighbours in their order.
+        let mut of_first = Overlap::default();
+        let mut overlaps = [Overlap::default(); SOURCES];
+        for (own, overlap) in others.iter().zip(&mut overlaps) {
+            if let Some(near) = Nearness::of(pulse, own, &first) {
+                of_first.add(&near, &first, own);
+                overlap.add(&near, own, &first);
+            }
         }
-        apply(&overlap, direct, direct_path);
-        let sources = virtual_anchors.iter_mut().zip(expectations);
-        for ((k, own), (regression, expectation)) in others.iter().enumerate().zip(sources) {
-            let mut overlap = Overlap::default();
-            overlap.add(pulse, own, &first);
-            for (l, other) in others.iter().enumerate() {
-                if l != k {
-                    overlap.add(pulse, own, other);
+        let mut rest = (others.as_slice(), overlaps.as_mut_slice());
+        while let ([own, others @ ..], [own_overlap, overlaps @ ..]) = rest {
+            for (other, overlap) in others.iter().zip(overlaps.iter_mut()) {
+                if let Some(near) = Nearness::of(pulse, own, other) {
+                    own_overlap.add(&near, own, other);
+                    overlap.add(&near, other, own);
                 }
             }
-            apply(&overlap, regression, expectation);
+            rest = (others, overlaps);
+        }
+        apply(&of_first, direct, direct_path);
+        let sources = virtual_anchors.iter_mut().zip(expectations);
+        for (overlap, (regression, expectation)) in overlaps.iter().zip(sources) {
+            apply(overlap, regression, expectation);
         }
     }
 }

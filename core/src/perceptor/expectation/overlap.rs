@@ -37,21 +37,37 @@ pub struct Overlap {
     pub unresolved: f32,
 }
 
-impl Overlap {
-    /// Adds what `other` does to `own`, both received with `pulse`.
-    pub fn add(&mut self, pulse: &Pulse, own: &Arrival, other: &Arrival) {
+/// How near two paths are: the same for both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearness {
+    /// Square of the shift that the one has of the other where they are equally strong and in phase, square metres.
+    shift_m2: f32,
+    /// Probability (0 to 1) that they are one where they are both there.
+    unresolved: f32,
+}
+
+impl Nearness {
+    /// Of two paths received with `pulse`; `None` where they do not disturb each other.
+    pub fn of(pulse: &Pulse, one: &Arrival, other: &Arrival) -> Option<Self> {
         let resolution_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
-        let lag = abs(own.range_m - other.range_m) / resolution_m;
+        let lag = abs(one.range_m - other.range_m) / resolution_m;
         if lag > FARTHEST {
-            return;
+            return None;
         }
         let rise = pulse.autocorrelation(lag + STEP) - pulse.autocorrelation(lag - STEP);
         let slope = rise * (0.5 / STEP);
         let bandwidth = TAU * (pulse.rms_bandwidth_hz() * pulse.duration_s);
         let shift_m = slope / (bandwidth * bandwidth) * resolution_m;
+        Some(Self { shift_m2: shift_m * shift_m, unresolved: unresolved(lag) })
+    }
+}
+
+impl Overlap {
+    /// Adds what `other`, this near, does to `own`.
+    pub fn add(&mut self, near: &Nearness, own: &Arrival, other: &Arrival) {
         let ratio = limited(other.presence * other.sinr / own.sinr, 0.0, 1.0);
-        self.variance_m2 += 0.5 * (ratio * (shift_m * shift_m));
-        self.unresolved = larger(self.unresolved, other.presence * unresolved(lag));
+        self.variance_m2 += 0.5 * (ratio * near.shift_m2);
+        self.unresolved = larger(self.unresolved, other.presence * near.unresolved);
     }
 
     /// Of the probability that the path gives a measurement of its own, what is left: of two that are one, either has it.
@@ -86,7 +102,7 @@ mod tests {
             let other =
                 Arrival { range_m: 5.0 + lag * resolution_m, presence: 1.0, sinr: 1000.0 * rho * rho };
             let mut overlap = Overlap::default();
-            overlap.add(&pulse, &own, &other);
+            overlap.add(&Nearness::of(&pulse, &own, &other).unwrap(), &own, &other);
             let shifts = (0..64).map(|n| peak(&pulse, rho, TAU * n as f32 / 64.0, lag) * resolution_m);
             let variance_m2 = shifts.map(|shift| shift * shift).sum::<f32>() / 64.0;
             let ratio = overlap.variance_m2 / variance_m2;
@@ -100,7 +116,9 @@ mod tests {
         let own = Arrival { range_m: 5.0, presence: 1.0, sinr: 100.0 };
         let of = |other: Arrival| {
             let mut overlap = Overlap::default();
-            overlap.add(&pulse, &own, &other);
+            if let Some(near) = Nearness::of(&pulse, &own, &other) {
+                overlap.add(&near, &own, &other);
+            }
             overlap
         };
         assert_eq!(of(Arrival { range_m: 5.4, ..own }), Overlap::default());
