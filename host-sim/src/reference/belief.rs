@@ -451,6 +451,7 @@ impl<T: Real> Belief<T> {
             f(format_args!("covariance believed"), *value);
         }
         f(format_args!("share of strong paths explained"), self.explained);
+        f(format_args!("doubt"), T::of_count(usize::from(self.is_doubtful)));
         f(format_args!("cycles heard"), T::of_count(self.heard as usize));
     }
 }
