@@ -54,7 +54,7 @@ impl Default for BeliefSettings {
         Self {
             turns_per_s: 0.2,
             elsewhere_per_s: 1e-4,
-            split_above_m: 0.3,
+            split_above_m: 0.2,
             dropped_nat: 25.0,
             sure_probability: 0.9,
         }
