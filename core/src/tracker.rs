@@ -147,7 +147,7 @@ impl<
             let (trusted, phase) = (belief.trusted(), belief.phase());
             let places = propose_places(trusted, &told, environment, channel, clutter, plan, scans, phase);
             for place in &places {
-                belief.enter(place, config.ranging.max_range_m, unheard_s);
+                belief.enter(place);
             }
         }
         let mut outcomes = Outcomes::new();

@@ -14,6 +14,7 @@ pub mod motion;
 pub mod observation;
 pub mod plan;
 pub mod range;
+pub mod region;
 pub mod soft_update;
 pub mod source;
 pub mod surface;

@@ -13,6 +13,7 @@ use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::observation::{Observation, TagHeight};
 use crate::model::plan::{FloorPlan, Map};
+use crate::model::region::Region;
 use crate::observer::{Observer, Stage};
 use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
@@ -83,6 +84,7 @@ impl<
                     ranging.bias_std_m,
                 ),
                 start.velocity_std_m_s,
+                Region::reached(&checked, ranging.max_range_m),
                 config.belief,
             ),
             environment: EnvironmentMemory::default(),
@@ -129,6 +131,9 @@ impl<
         let Self { config, anchors, library, belief, environment, plan, .. } = self;
         if let Some(told) = &map.plan {
             plan.keep(told)?;
+            if let Some(region) = Region::inside(plan.outline_m()) {
+                belief.bound(region);
+            }
         }
         belief.tell(|filter| {
             enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);

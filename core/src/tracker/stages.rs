@@ -11,8 +11,8 @@ use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
 use crate::model::plan::FloorPlan;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
-use crate::perceptor::belief::TagBelief;
 use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, STRONG, Sweep, propose};
+use crate::perceptor::belief::{TagBelief, anywhere};
 use crate::perceptor::receiver::{Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
@@ -125,7 +125,14 @@ pub(super) fn hear<
         }
     }
     belief.reduce();
-    outcomes.get(place).map(|(outcome, _)| outcome)
+    let (outcome, _) = outcomes.get(place)?;
+    belief.hear_anywhere(anywhere::evidence_nat(
+        outcome.expected.paths(),
+        scan.measurements.iter(),
+        &clutter.clutter(scan.anchor),
+        told.config.ranging.max_range_m,
+    ));
+    Some(outcome)
 }
 
 /// Places that the scans propose.

@@ -3,20 +3,23 @@
 //! All components are predicted, compared with the scans and updated alike. A turn, a wide Gaussian and early ranges add
 //! components; those that have become one are merged, and the lightest give way. The heaviest leads.
 
+use super::association::{Clutter, Measurement};
 use super::clock::probability;
 use super::motion::{Agent, PX, PY, VX, VY};
 use super::proposal::{self, Proposal};
-use super::real::{Real, exp, larger, ln, sqrt, square, tau};
+use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
+use super::region::Region;
 use super::state_filter::StateFilter;
 use super::{Square, zeros};
+use cogmint_core::perceptor::belief::anywhere::MOST_EXPECTED;
 use cogmint_core::perceptor::belief::component::{
     LEAST_DETERMINANT, LEAST_SPREAD, LEAST_THROUGH, ONE, OUTSIDE,
 };
 use cogmint_core::perceptor::belief::reduction::{LEAST_SHARE, PROTECTED};
 use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LIGHTEST_NAT};
 use cogmint_core::perceptor::belief::{
-    BeliefSettings, CHILDREN_NAT, COUNTS_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, PLACE_M, SETTLED,
-    SURE_WITHIN_M2, TRUSTED_WITHIN_M2,
+    BeliefSettings, CHILDREN_NAT, COUNTS_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, LEAST_NAT, PLACE_M,
+    SETTLED, SURE_WITHIN_M2, TRUSTED_WITHIN_M2,
 };
 use std::fmt;
 
@@ -61,6 +64,9 @@ pub struct Belief<T> {
     pub trusted: StateFilter<T>,
     /// What is believed.
     pub summary: Summary<T>,
+    region: Region<T>,
+    /// ln of the weight of a tag that is anywhere in it.
+    pub anywhere_nat: T,
     explained: T,
     /// Whether what was heard last left doubt.
     is_doubtful: bool,
@@ -72,6 +78,7 @@ impl<T: Real> Belief<T> {
     pub fn new(
         filter: StateFilter<T>,
         velocity_std_m_s: f32,
+        region: Region<T>,
         settings: BeliefSettings,
         capacity: usize,
     ) -> Self {
@@ -97,6 +104,8 @@ impl<T: Real> Belief<T> {
             trusted: filter,
             is_doubtful: summary.variance_m2() > T::of(SURE_WITHIN_M2),
             summary,
+            region,
+            anywhere_nat: T::of(LEAST_NAT),
             explained: T::ONE,
             heard: 0,
         }
@@ -135,8 +144,13 @@ impl<T: Real> Belief<T> {
         }
         let Some(unheard_s) = unheard_s else { return };
         self.heard = self.heard.wrapping_add(1);
+        let floor = T::of(f32::MIN_POSITIVE);
+        let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
+        let moved_nat = self.total_nat() + ln(larger(elsewhere, floor));
+        self.anywhere_nat = sum_nat(self.anywhere_nat, moved_nat);
         for component in &mut self.components {
             component.age = component.age.saturating_add(1);
+            component.weight_nat += ln(larger(T::ONE - elsewhere, floor));
         }
         // Split first, then turn.
         let room = self.room();
@@ -204,7 +218,7 @@ impl<T: Real> Belief<T> {
     }
 
     /// Takes a proposed place in, if there is room.
-    pub fn enter(&mut self, proposal: &Proposal<T>, reach_m: T, unheard_s: T) {
+    pub fn enter(&mut self, proposal: &Proposal<T>) {
         let Proposal { position_m, radial: [ux, uy], variance_m2: [along, across], .. } = *proposal;
         let mut agent = Agent { mean: vec![T::ZERO; 4], covariance: zeros(4, 4) };
         let c = &mut agent.covariance;
@@ -218,10 +232,9 @@ impl<T: Real> Belief<T> {
         }
         let mut filter = self.trusted.clone();
         filter.place(&agent);
-        // The share of the plane.
-        let share = tau::<T>() * sqrt(along * across) / square(reach_m);
-        let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
-        let weight_nat = self.total_nat() + ln(larger(elsewhere * share, T::of(f32::MIN_POSITIVE)));
+        // The share of the region.
+        let share = tau::<T>() * sqrt(along * across) / self.region.area_m2;
+        let weight_nat = self.anywhere_nat + ln(smaller(share, T::ONE));
         if self.components.len() < self.capacity {
             let (from_m, hindrance_nat) = (filter.position_m(), T::ZERO);
             self.components.push(Component { filter, weight_nat, age: 0, from_m, hindrance_nat });
@@ -311,7 +324,8 @@ impl<T: Real> Belief<T> {
             component.hinder(&through, &inside);
         }
         self.reduce();
-        let total = self.total_nat();
+        let total = sum_nat(self.total_nat(), self.anywhere_nat);
+        self.anywhere_nat = larger(self.anywhere_nat - total, T::of(LEAST_NAT));
         let established = self.best_nat() - T::of(COUNTS_NAT);
         for component in &mut self.components {
             if component.weight_nat > established {
@@ -335,13 +349,18 @@ impl<T: Real> Belief<T> {
         let weights: Vec<T> = self.components.iter().map(|component| exp(component.weight_nat)).collect();
         let agents: Vec<Agent<T>> =
             self.components.iter().map(|component| component.filter.agent()).collect();
-        let mut mean = [T::ZERO; 2];
+        let anywhere = exp(self.anywhere_nat);
+        let mut mean = self.region.centre_m.map(|centre| anywhere * centre);
         for (weight, agent) in weights.iter().zip(&agents) {
             for axis in [PX, PY] {
                 mean[axis] += *weight * agent.mean[axis];
             }
         }
         let mut covariance_m2 = [[T::ZERO; 2]; 2];
+        let d = [0, 1].map(|axis| self.region.centre_m[axis] - mean[axis]);
+        for (n, (row, column)) in [(0, 0), (1, 0), (1, 1)].into_iter().enumerate() {
+            covariance_m2[row][column] = anywhere * (self.region.covariance_m2[n] + d[column] * d[row]);
+        }
         for (weight, agent) in weights.iter().zip(&agents) {
             let d = [agent.mean[PX] - mean[0], agent.mean[PY] - mean[1]];
             for (row, column) in [(0, 0), (1, 0), (1, 1)] {
@@ -450,6 +469,7 @@ impl<T: Real> Belief<T> {
         for value in self.summary.covariance_m2.iter().flatten() {
             f(format_args!("covariance believed"), *value);
         }
+        f(format_args!("weight of anywhere"), self.anywhere_nat);
         f(format_args!("share of strong paths explained"), self.explained);
         f(format_args!("doubt"), T::of_count(usize::from(self.is_doubtful)));
         f(format_args!("cycles heard"), T::of_count(self.heard as usize));
@@ -485,6 +505,37 @@ impl<T: Real> Summary<T> {
     pub fn variance_m2(&self) -> T {
         self.covariance_m2[0][0] + self.covariance_m2[1][1]
     }
+}
+
+/// ln of the sum of two weights.
+fn sum_nat<T: Real>(a: T, b: T) -> T {
+    let (most, least) = if a > b { (a, b) } else { (b, a) };
+    most + ln(T::ONE + exp(least - most))
+}
+
+/// Evidence of a scan for a tag that is anywhere, of which so many `paths` are expected with these probabilities, nats.
+pub fn anywhere_nat<T: Real>(
+    paths: &[T],
+    measurements: &[Measurement<T>],
+    clutter: &Clutter<T>,
+    reach_m: T,
+) -> T {
+    let (mut sum, mut odds) = (T::ZERO, T::ZERO);
+    for path in paths {
+        let q = smaller(*path, T::of(MOST_EXPECTED));
+        sum += ln(T::ONE - q);
+        odds += q / (T::ONE - q);
+    }
+    let sources = larger(T::of_count(paths.len()), T::ONE);
+    let mut left = sources;
+    for z in measurements {
+        let background =
+            clutter.false_alarms_per_m * z.false_alarm + (clutter.all_per_m - clutter.false_alarms_per_m);
+        let own = left / sources * odds / reach_m;
+        sum += ln((background + own) / clutter.all_per_m);
+        left = larger(left - T::ONE, T::ONE);
+    }
+    sum
 }
 
 /// The covariance of the position.

@@ -3,7 +3,7 @@
 
 use super::association::outcome::{Outcome, associate_scan, normalised_innovation};
 use super::availability::availability;
-use super::belief::{Belief, apart};
+use super::belief::{Belief, anywhere_nat, apart};
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::controller::{Library, reward};
@@ -19,6 +19,7 @@ use super::plan::FloorPlan;
 use super::proposal::propose;
 use super::real::Real;
 use super::receiver::{AnchorEstimate, Receiver, Scan};
+use super::region::Region;
 use super::remember::{Memories, look_through};
 use super::start::Start;
 use super::state_filter::{Prior, StateFilter};
@@ -146,6 +147,8 @@ impl<T: Real> Reference<T> {
                 actions.iter().map(|action| action.pulse_duration_s).fold(f32::INFINITY, f32::min);
             start.enter_plan(&mut plan, told, anchors, &config, SPEED_OF_LIGHT_M_S * shortest_s);
         }
+        let region = Region::inside(&plan.outline_m)
+            .unwrap_or_else(|| Region::reached(anchors, config.ranging.max_range_m));
         let library = Library::new(actions);
         let first = library.pulse(config.controller.first_action, &config.radio);
         let channel = ChannelMemory::new(
@@ -160,7 +163,13 @@ impl<T: Real> Reference<T> {
         Self {
             last_heard,
             receiver: Receiver::new(&config, [capacity.anchors, capacity.paths], &first),
-            belief: Belief::new(filter, config.start.velocity_std_m_s, config.belief, capacity.components),
+            belief: Belief::new(
+                filter,
+                config.start.velocity_std_m_s,
+                region,
+                config.belief,
+                capacity.components,
+            ),
             environment,
             transmission: TransmissionMemory::new(plan.walls.len()),
             joining: joining::Constants::default(),
@@ -213,9 +222,8 @@ impl<T: Real> Reference<T> {
         if is_heard && belief.proposes() {
             let sweep = |scan: &Scan<T>| sweep(&told, &belief.trusted, environment, channel, clutter, scan);
             let sweeps: Vec<_> = scans.iter().map(sweep).collect();
-            let reach_m = T::of(config.ranging.max_range_m);
             for proposal in propose(&sweeps, |place_m, std_m| plan.inside(place_m, std_m), belief.phase()) {
-                belief.enter(&proposal, reach_m, unheard_s);
+                belief.enter(&proposal);
             }
         }
 
@@ -241,6 +249,10 @@ impl<T: Real> Reference<T> {
             }
             belief.reduce();
             let Some((_, outcome)) = best else { continue };
+            let (measurements, reach_m) = (&outcome.scan.measurements, T::of(config.ranging.max_range_m));
+            let paths: Vec<T> =
+                outcome.expected.iter().map(|own| own.feature.existence * own.feature.detection).collect();
+            belief.anywhere_nat += anywhere_nat(&paths, measurements, &clutter, reach_m);
             for (z, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
                 if z.is_strong(STRONG) {
                     strong += T::ONE;

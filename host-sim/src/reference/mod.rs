@@ -56,6 +56,7 @@ pub mod pulse;
 pub mod range;
 pub mod real;
 pub mod receiver;
+pub mod region;
 pub mod remember;
 pub mod soft_update;
 pub mod start;

@@ -13,6 +13,7 @@
 //! What has become one is merged, the lightest give way ([`reduction`]). The heaviest component leads: its map is the map. Nobody
 //! walks through walls, and with an outline told nobody is outside: both are part of the weight ([`component::Hindrance`]).
 
+pub mod anywhere;
 pub mod component;
 pub mod proposal;
 pub mod reduction;
@@ -24,8 +25,9 @@ use self::reduction::PROTECTED;
 use self::summary::Summary;
 use crate::model::clock::probability;
 use crate::model::motion::Agent;
+use crate::model::region::Region;
 use crate::perceptor::state_filter::StateFilter;
-use crate::real::{exp, larger, ln, sqrt};
+use crate::real::{exp, larger, ln, smaller, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
@@ -63,6 +65,8 @@ impl Default for BeliefSettings {
 
 /// Mathematics: more probable than not: below this probability of the leading place the tag is searched for.
 pub const KNOWN: f32 = 0.5;
+/// Guard: against weights that are no numbers: least weight of anywhere, nats.
+pub const LEAST_NAT: f32 = -80.0;
 /// Tuned: places nearer to each other than this are one, metres.
 pub const PLACE_M: f32 = 0.3;
 /// Mathematics: against a map judged from a place known too roughly: largest sum of the position's variances, square metres: as
@@ -95,6 +99,10 @@ pub struct TagBelief<const ANCHORS: usize, const SURFACES: usize, const COMPONEN
     /// The state while the tag was last known: the map of newcomers.
     trusted: StateFilter<ANCHORS, SURFACES>,
     summary: Summary,
+    /// Where a tag is that is at none of the places held.
+    region: Region,
+    /// ln of the weight of that.
+    anywhere_nat: f32,
     /// Smoothed share of the strong paths that the leader explains.
     explained: f32,
     /// Whether it was doubtful where the tag is when it was last heard.
@@ -108,7 +116,12 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
 {
     /// One component. `speed_m_s` is the standard deviation per axis of a velocity that nothing is known of.
     #[inline(always)] // built where it stays
-    pub fn new(filter: StateFilter<ANCHORS, SURFACES>, speed_m_s: f32, settings: BeliefSettings) -> Self {
+    pub fn new(
+        filter: StateFilter<ANCHORS, SURFACES>,
+        speed_m_s: f32,
+        region: Region,
+        settings: BeliefSettings,
+    ) -> Self {
         const { assert!(COMPONENTS > 0, "a belief has a component") };
         let summary = Summary::of_one(&filter.agent());
         let mut components = Vec::new();
@@ -121,6 +134,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             leader: 0,
             trusted: filter,
             summary,
+            region,
+            anywhere_nat: LEAST_NAT,
             explained: 1.0,
             is_doubtful: summary.variance_m2() > SURE_WITHIN_M2,
             heard: 0,
@@ -155,6 +170,16 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
     }
 
+    /// Tells where a tag is that is at none of the places held.
+    pub fn bound(&mut self, region: Region) {
+        self.region = region;
+    }
+
+    /// Enters how well a scan is explained by a tag that is anywhere, nats.
+    pub fn hear_anywhere(&mut self, evidence_nat: f32) {
+        self.anywhere_nat += evidence_nat;
+    }
+
     /// Whether it is not known where the tag is.
     pub fn is_searching(&self) -> bool {
         self.summary.probability < KNOWN
@@ -186,8 +211,14 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
         let Some(unheard_s) = unheard_s else { return };
         self.heard = self.heard.wrapping_add(1);
+        // A share of everything turns out to be anywhere else.
+        let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
+        let left_nat = ln(larger(1.0 - elsewhere, f32::MIN_POSITIVE));
+        self.anywhere_nat =
+            sum_nat(self.anywhere_nat, self.total_nat() + ln(larger(elsewhere, f32::MIN_POSITIVE)));
         for component in &mut self.components {
             component.age = component.age.saturating_add(1);
+            component.weight_nat += left_nat;
         }
         // Splits come first: turned children would take their room, and a component so wide that the circle of a range bends away
         // from it loses weight to narrower ones in every cycle, wherever the tag is.
@@ -262,9 +293,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         proposal::phase(self.heard)
     }
 
-    /// Takes a place in, with the trusted map; `reach_m` is how far away a tag may be, `unheard_s` the time in which it may have
-    /// come there, seconds.
-    pub fn enter(&mut self, proposal: &Proposal, reach_m: f32, unheard_s: f32) {
+    /// Takes a place in, with the trusted map: what was anywhere is there in part.
+    pub fn enter(&mut self, proposal: &Proposal) {
         let Proposal { position_m: [x, y], radial: [ux, uy], variance_m2: [along, across], .. } = *proposal;
         let xx = along * (ux * ux) + across * (uy * uy);
         let yy = along * (uy * uy) + across * (ux * ux);
@@ -275,10 +305,9 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             mean: Vector4::new(x, y, 0.0, 0.0),
             covariance: Matrix4::new(xx, yx, 0.0, 0.0, yx, yy, 0.0, 0.0, 0.0, 0.0, v, 0.0, 0.0, 0.0, 0.0, v),
         });
-        // The share of the plane within reach that it stands for.
-        let share = core::f32::consts::TAU * sqrt(along * across) / (reach_m * reach_m);
-        let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
-        let weight_nat = self.total_nat() + ln(larger(elsewhere * share, f32::MIN_POSITIVE));
+        // The share of the region that it stands for.
+        let share = core::f32::consts::TAU * sqrt(along * across) / self.region.area_m2;
+        let weight_nat = self.anywhere_nat + ln(smaller(share, 1.0));
         // Where there is no room, it is left out.
         let _ = self.components.push(Component::newcomer(filter, weight_nat));
     }
@@ -308,7 +337,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             component.hinder(&through, &inside);
         }
         self.reduce();
-        let total = self.total_nat();
+        let total = sum_nat(self.total_nat(), self.anywhere_nat);
+        self.anywhere_nat = larger(self.anywhere_nat - total, LEAST_NAT);
         let established = self.best_nat() - COUNTS_NAT;
         for component in &mut self.components {
             if component.weight_nat > established {
@@ -325,7 +355,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
 
     /// Sums up what is believed: all that is done in a cycle in which nothing was heard.
     pub fn sum_up(&mut self) {
-        self.summary = Summary::of(&self.components);
+        self.summary = Summary::of(&self.components, &self.region, exp(self.anywhere_nat));
     }
 
     /// The map of the leader is changed, and the others follow: what surfaces are new or other in it, they take over as independent
@@ -392,14 +422,22 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
         self.trusted.visit(&mut f);
         self.summary.visit(&mut f);
+        f(self.anywhere_nat);
         f(self.explained);
         f(f32::from(u8::from(self.is_doubtful)));
         f(self.heard as f32);
     }
 }
 
+/// ln of the sum of two weights.
+fn sum_nat(a: f32, b: f32) -> f32 {
+    let (most, least) = if a > b { (a, b) } else { (b, a) };
+    most + ln(1.0 + exp(least - most))
+}
+
 #[cfg(test)]
 mod tests {
+    use super::anywhere::evidence_nat;
     use super::proposal::{Landmark, Sweep, propose};
     use super::*;
     use crate::config::Config;
@@ -418,6 +456,8 @@ mod tests {
     const DETECTION: f32 = 0.9;
     const CLUTTER: Clutter = Clutter { all_per_m: 0.05, false_alarms_per_m: 0.02 };
     const SPEED_M_S: f32 = 1.0;
+    const REGION: Region =
+        Region { centre_m: [5.0, 4.0], covariance_m2: [100.0, 0.0, 100.0], area_m2: 400.0 };
 
     fn filter(position_m: [f32; 2], std_m: f32) -> StateFilter<3, 2> {
         let motion = Motion {
@@ -437,7 +477,7 @@ mod tests {
 
     impl<const COMPONENTS: usize> Listener<COMPONENTS> {
         fn new(filter: StateFilter<3, 2>, settings: BeliefSettings, seed: u64) -> Self {
-            Self { belief: TagBelief::new(filter, SPEED_M_S, settings), state: seed }
+            Self { belief: TagBelief::new(filter, SPEED_M_S, REGION, settings), state: seed }
         }
 
         fn uniform(&mut self) -> f32 {
@@ -494,7 +534,7 @@ mod tests {
                     core::iter::once(Landmark { position_m, covariance_m2: [0.0; 3], detection: DETECTION })
                 };
                 for place in &propose(&sweeps, landmarks, |_, _| 1.0, belief.phase()) {
-                    belief.enter(place, 30.0, CYCLE_S);
+                    belief.enter(place);
                 }
             }
             let (mut strong, mut explained) = (0.0, 0.0);
@@ -524,12 +564,15 @@ mod tests {
                     }
                 }
                 belief.reduce();
+                let detections = core::iter::once(DETECTION);
+                belief.hear_anywhere(evidence_nat(detections, scan.measurements.iter(), &CLUTTER, 30.0));
                 strong += scan.measurements.len() as f32;
                 explained += scan.measurements.len() as f32 - best.unwrap().1;
             }
             belief.explain(strong, explained);
             belief.conclude(|_, _, _| 1.0, |_, _| 1.0);
-            let total: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
+            let places: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
+            let total = places + belief.anywhere_nat.exp();
             assert!((total - 1.0).abs() < 1e-4 && belief.components().len() <= COMPONENTS, "{total}");
             let [x, y] = belief.summary().position_m;
             (x - truth_m[0]).hypot(y - truth_m[1])
@@ -677,8 +720,8 @@ mod tests {
 
     #[test]
     fn children_share_the_weight_of_their_parents_and_leave_room_for_newcomers() {
-        let settings = BeliefSettings::default();
-        let mut narrow = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.05), SPEED_M_S, settings);
+        let settings = BeliefSettings { elsewhere_per_s: 1e-9, ..BeliefSettings::default() };
+        let mut narrow = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.05), SPEED_M_S, REGION, settings);
         narrow.predict(0.1, Some(0.1));
         let weights: std::vec::Vec<f32> =
             narrow.components().iter().map(|own| own.weight_nat.exp()).collect();
@@ -687,11 +730,11 @@ mod tests {
         assert!((weights[1] - 0.019_801_3).abs() < 1e-6 && (weights[0] - 0.980_198_7).abs() < 1e-6);
         assert_eq!(narrow.components()[1].filter.velocity_m_s(), [0.0, 0.0]);
         // Where nothing is heard, nobody is known to have turned.
-        let mut unheard = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, settings);
+        let mut unheard = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, REGION, settings);
         unheard.predict(0.1, None);
         assert_eq!((unheard.components().len(), unheard.components()[0].age), (1, u16::MAX));
         // Split in three, two of which turned: two children would take the quarter of the slots that stays free.
-        let mut wide = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, settings);
+        let mut wide = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, REGION, settings);
         for count in [5, 5] {
             wide.predict(0.1, Some(0.1));
             assert_eq!(wide.components().len(), count);
@@ -704,7 +747,7 @@ mod tests {
                 variance_m2: [0.04; 2],
                 evidence_nat: 0.0,
             };
-            wide.enter(&place, 20.0, 1.0);
+            wide.enter(&place);
             assert_eq!(wide.components().len(), count);
         }
     }
@@ -721,7 +764,8 @@ mod tests {
                 filter.place(&agent);
                 filter
             };
-            let mut belief = TagBelief::<3, 2, 16>::new(walking(0.0), SPEED_M_S, BeliefSettings::default());
+            let mut belief =
+                TagBelief::<3, 2, 16>::new(walking(0.0), SPEED_M_S, REGION, BeliefSettings::default());
             for x in [200.0, 200.1, 400.0] {
                 belief.components.push(Component::newcomer(walking(x), -8.0)).unwrap();
             }
@@ -734,19 +778,20 @@ mod tests {
     }
 
     #[test]
-    fn a_newcomer_weighs_the_share_of_the_plane_that_it_stands_for() {
-        let settings = BeliefSettings { elsewhere_per_s: 0.01, ..BeliefSettings::default() };
-        let mut belief = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.3), 1.5, settings);
+    fn a_newcomer_weighs_the_share_of_the_region_that_it_stands_for() {
+        let mut belief =
+            TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.3), 1.5, REGION, BeliefSettings::default());
         let place = Proposal {
             position_m: [3.0, 4.0],
             radial: [0.6, 0.8],
             variance_m2: [0.04, 0.25],
             evidence_nat: 7.0,
         };
-        belief.enter(&place, 20.0, 2.0);
+        belief.anywhere_nat = ln(0.02);
+        belief.enter(&place);
         let own = &belief.components()[1];
-        // 1 - e^-0.02, times 2 pi x 0.2 x 0.5 of 400 square metres.
-        let exact = (0.019_801_33 * 0.628_318_5 / 400.0_f64).ln();
+        // 2 pi x 0.2 x 0.5 of 400 square metres.
+        let exact = (0.02 * 0.628_318_5 / 400.0_f64).ln();
         assert!((f64::from(own.weight_nat) - exact).abs() < 1e-5);
         assert_eq!((own.age, own.filter.position_m()), (0, [3.0, 4.0]));
         let agent = own.filter.agent();
@@ -761,14 +806,15 @@ mod tests {
 
     #[test]
     fn a_surface_found_beside_the_leader_is_entered_beside_every_tag() {
-        let mut belief = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.3), 1.0, BeliefSettings::default());
+        let mut belief =
+            TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.3), 1.0, REGION, BeliefSettings::default());
         let place = Proposal {
             position_m: [3.0, 4.0],
             radial: [1.0, 0.0],
             variance_m2: [0.04; 2],
             evidence_nat: 0.0,
         };
-        belief.enter(&place, 20.0, 1.0);
+        belief.enter(&place);
         let gain = Matrix2::new(0.5, 0.2, -0.3, 0.9);
         let own = Matrix2::new(0.01, 0.002, 0.002, 0.02);
         belief.discover(1, Vector2::new(7.0, 8.0), &gain, &own);

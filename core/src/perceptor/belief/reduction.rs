@@ -136,9 +136,15 @@ mod tests {
     use super::super::component::Component;
     use super::super::component::tests::component;
     use super::*;
+    use crate::model::region::Region;
 
     fn belief<const COMPONENTS: usize>(components: &[Component<2, 1>]) -> TagBelief<2, 1, COMPONENTS> {
-        let mut belief = TagBelief::new(components[0].filter.clone(), 1.0, BeliefSettings::default());
+        let mut belief = TagBelief::new(
+            components[0].filter.clone(),
+            1.0,
+            Region::reached(&[], 1.0),
+            BeliefSettings::default(),
+        );
         belief.components.clear();
         for component in components {
             assert!(belief.components.push(component.clone()).is_ok());

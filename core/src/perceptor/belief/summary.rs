@@ -3,6 +3,7 @@
 use super::PLACE_M;
 use super::component::Component;
 use crate::model::motion::Agent;
+use crate::model::region::Region;
 use crate::real::exp;
 use nalgebra::Matrix2;
 
@@ -34,18 +35,25 @@ impl Summary {
         }
     }
 
-    /// Of components whose weights sum up to 1.
+    /// Of components, and of a tag that is `anywhere` in a region with this probability; all of it sums up to 1.
     pub(super) fn of<const ANCHORS: usize, const SURFACES: usize>(
         components: &[Component<ANCHORS, SURFACES>],
+        region: &Region,
+        anywhere: f32,
     ) -> Self {
-        let (mut x, mut y) = (0.0, 0.0);
+        let [centre_x, centre_y] = region.centre_m;
+        let (mut x, mut y) = (anywhere * centre_x, anywhere * centre_y);
         for component in components {
             let weight = exp(component.weight_nat);
             let [own_x, own_y] = component.filter.position_m();
             x += weight * own_x;
             y += weight * own_y;
         }
-        let (mut xx, mut yx, mut yy) = (0.0, 0.0, 0.0);
+        let (dx, dy) = (centre_x - x, centre_y - y);
+        let [c_xx, c_yx, c_yy] = region.covariance_m2;
+        let mut xx = anywhere * (c_xx + dx * dx);
+        let mut yx = anywhere * (c_yx + dx * dy);
+        let mut yy = anywhere * (c_yy + dy * dy);
         for component in components {
             let weight = exp(component.weight_nat);
             let c = component.filter.position_covariance_m2();
@@ -99,6 +107,12 @@ mod tests {
     use super::*;
     use crate::real::ln;
 
+    const REGION: Region = Region { centre_m: [2.0, -3.0], covariance_m2: [30.0, 4.0, 20.0], area_m2: 400.0 };
+
+    fn of(components: &[Component<2, 1>]) -> Summary {
+        Summary::of(components, &REGION, 0.0)
+    }
+
     fn assert_near(found: f32, exact: f32, what: &str) {
         assert!((found - exact).abs() < 1e-5, "{what}: {found} {exact}");
     }
@@ -108,7 +122,7 @@ mod tests {
         for swap in [false, true] {
             let heavy = component([1.0, 2.0], 0.1, ln(0.6));
             let light = component([4.0, 6.0], 0.2, ln(0.4));
-            let found = Summary::of(&if swap { [light, heavy] } else { [heavy, light] });
+            let found = of(&if swap { [light, heavy] } else { [heavy, light] });
             assert_near(found.probability, 0.6, "probability");
             assert_eq!(found.position_m, [1.0, 2.0]);
             // Within: 0.6 x 0.01 + 0.4 x 0.04; between: 0.6 x 0.4 of (3, 4) (3, 4)'.
@@ -125,7 +139,7 @@ mod tests {
         let offsets = [-0.05_f32, 0.0, 0.1];
         let mut all: std::vec::Vec<_> = offsets.map(|x| component([x, 0.0], 0.05, ln(0.2))).into();
         all.push(component([5.0, 0.0], 0.05, ln(0.4)));
-        let found = Summary::of(&all);
+        let found = of(&all);
         assert_near(found.probability, 0.6, "probability");
         assert_near(found.position_m[0], 0.05 / 3.0, "x");
         assert_near(found.position_m[1], 0.0, "y");
@@ -133,7 +147,7 @@ mod tests {
         for own in &mut all {
             own.weight_nat = ln(1.0 / 3.0);
         }
-        let found = Summary::of(&all[..3]);
+        let found = of(&all[..3]);
         assert_near(found.probability, 1.0, "probability");
         assert_near(found.position_m[0], 0.05 / 3.0, "x");
         let mean = 0.05_f32 / 3.0;
@@ -148,16 +162,34 @@ mod tests {
         for (x, probability) in [(0.499, 1.0), (0.501, 0.7)] {
             let own = component([0.0, 0.0], 0.2, ln(0.7));
             let other = component([x, 0.0], 0.01, ln(0.3));
-            assert_near(Summary::of(&[own, other]).probability, probability, "probability");
+            assert_near(of(&[own, other]).probability, probability, "probability");
         }
     }
 
     #[test]
     fn of_one_component_it_is_that_component() {
         let own = component([3.0, -1.0], 0.4, 0.0);
-        let (all, one) = (Summary::of(core::slice::from_ref(&own)), Summary::of_one(&own.filter.agent()));
+        let (all, one) = (of(core::slice::from_ref(&own)), Summary::of_one(&own.filter.agent()));
         assert_eq!(all, one);
         assert_eq!((one.probability, one.position_m), (1.0, [3.0, -1.0]));
         assert_near(one.variance_m2(), 0.32, "variance");
+    }
+
+    #[test]
+    fn a_tag_that_may_be_anywhere_is_claimed_to_be() {
+        let own = component([1.0, 1.0], 0.1, ln(0.25));
+        let found = Summary::of(&[own], &REGION, 0.75);
+        assert_near(found.probability, 0.25, "probability");
+        assert_eq!(found.position_m, [1.0, 1.0]);
+        // Within, and between: 1/4 x 3/4 of (1, -4) (1, -4)'.
+        let exact = [0.0025 + 22.5 + 0.1875, 3.0 - 0.1875 * 4.0, 0.0025 + 15.0 + 0.1875 * 16.0];
+        let c = found.covariance_m2;
+        for (found, exact) in [c.m11, c.m21, c.m22].into_iter().zip(exact) {
+            assert_near(found, exact, "covariance");
+        }
+        // Nowhere else: the middle of the region, as wide as it is.
+        let found = Summary::of(&[component([1.0, 1.0], 0.1, -60.0)], &REGION, 1.0);
+        assert_eq!((found.probability, found.position_m), (0.0, REGION.centre_m));
+        assert_near(found.variance_m2(), 50.0, "variance");
     }
 }

@@ -159,6 +159,13 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
         core::iter::once(&self.direct_path).chain(&self.expectations).map(|expectation| expectation.existence)
     }
 
+    /// Probability that each source shows a path, the direct path first.
+    pub fn paths(&self) -> impl Iterator<Item = f32> + Clone {
+        core::iter::once(&self.direct_path)
+            .chain(&self.expectations)
+            .map(|expectation| expectation.existence * expectation.detection)
+    }
+
     /// Every regression, the direct path's first.
     pub fn regressions(&self) -> impl Iterator<Item = &Regression> + Clone {
         core::iter::once(&self.direct).chain(&self.virtual_anchors)
