@@ -128,7 +128,7 @@ pub(super) fn hear<
     let (outcome, _) = outcomes.get(place)?;
     belief.hear_anywhere(anywhere::evidence_nat(
         outcome.expected.paths(),
-        scan.measurements.iter(),
+        &scan.measurements,
         &clutter.clutter(scan.anchor),
         told.config.ranging.max_range_m,
     ));

@@ -11,7 +11,7 @@ use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
 use super::region::Region;
 use super::state_filter::StateFilter;
 use super::{Square, zeros};
-use cogmint_core::perceptor::belief::anywhere::MOST_EXPECTED;
+use cogmint_core::perceptor::belief::anywhere::{LARGEST_RATIO, MOST_EXPECTED};
 use cogmint_core::perceptor::belief::component::{
     LEAST_DETERMINANT, LEAST_SPREAD, LEAST_THROUGH, ONE, OUTSIDE,
 };
@@ -513,29 +513,42 @@ fn sum_nat<T: Real>(a: T, b: T) -> T {
     most + ln(T::ONE + exp(least - most))
 }
 
-/// Evidence of a scan for a tag that is anywhere, of which so many `paths` are expected with these probabilities, nats.
+/// Evidence of a scan for a tag that is anywhere, of which paths are expected with these probabilities, nats: the sum over how many
+/// of them are found, and over which measurements they are.
 pub fn anywhere_nat<T: Real>(
     paths: &[T],
     measurements: &[Measurement<T>],
     clutter: &Clutter<T>,
     reach_m: T,
 ) -> T {
-    let (mut sum, mut odds) = (T::ZERO, T::ZERO);
+    let most = measurements.len();
+    let mut found = vec![T::ZERO; most + 1];
+    found[0] = T::ONE;
     for path in paths {
         let q = smaller(*path, T::of(MOST_EXPECTED));
-        sum += ln(T::ONE - q);
-        odds += q / (T::ONE - q);
+        for count in (0..=most).rev() {
+            let hit = if count > 0 { found[count - 1] * q } else { T::ZERO };
+            found[count] =
+                if count > 0 { found[count] * (T::ONE - q) + hit } else { found[count] * (T::ONE - q) };
+        }
     }
-    let sources = larger(T::of_count(paths.len()), T::ONE);
-    let mut left = sources;
+    let mut selections = vec![T::ZERO; most + 1];
+    selections[0] = T::ONE;
+    let mut sum_nat = T::ZERO;
     for z in measurements {
         let background =
             clutter.false_alarms_per_m * z.false_alarm + (clutter.all_per_m - clutter.false_alarms_per_m);
-        let own = left / sources * odds / reach_m;
-        sum += ln((background + own) / clutter.all_per_m);
-        left = larger(left - T::ONE, T::ONE);
+        sum_nat += ln(background / clutter.all_per_m);
+        let ratio = smaller(T::ONE / (reach_m * background), T::of(LARGEST_RATIO));
+        for count in (1..=most).rev() {
+            selections[count] = selections[count] + T::of_count(count) * (ratio * selections[count - 1]);
+        }
     }
-    sum
+    let mut sum = found[0];
+    for (found, selections) in found.iter().zip(&selections).skip(1) {
+        sum += *found * *selections;
+    }
+    sum_nat + ln(larger(sum, T::of(f32::MIN_POSITIVE)))
 }
 
 /// The covariance of the position.

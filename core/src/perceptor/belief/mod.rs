@@ -565,7 +565,7 @@ mod tests {
                 }
                 belief.reduce();
                 let detections = core::iter::once(DETECTION);
-                belief.hear_anywhere(evidence_nat(detections, scan.measurements.iter(), &CLUTTER, 30.0));
+                belief.hear_anywhere(evidence_nat(detections, &scan.measurements, &CLUTTER, 30.0));
                 strong += scan.measurements.len() as f32;
                 explained += scan.measurements.len() as f32 - best.unwrap().1;
             }
@@ -771,7 +771,8 @@ mod tests {
             }
             belief.predict(gap_s, Some(gap_s));
             belief.conclude(|_, _, _| 1.0, |_, _| 1.0);
-            let total: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
+            let places: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
+            let total = places + belief.anywhere_nat.exp();
             assert!((total - 1.0).abs() < 1e-4, "{gap_s}: {total}");
             assert!(belief.components().iter().all(|own| own.weight_nat.is_finite()), "{gap_s}");
         }
