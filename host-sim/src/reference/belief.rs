@@ -16,10 +16,10 @@ use cogmint_core::perceptor::belief::component::{
     LEAST_DETERMINANT, LEAST_SPREAD, LEAST_THROUGH, ONE, OUTSIDE,
 };
 use cogmint_core::perceptor::belief::reduction::{LEAST_SHARE, PROTECTED};
-use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LIGHTEST_NAT};
+use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LEAST_MOMENT_M2, LIGHTEST_NAT, WITHIN_M};
 use cogmint_core::perceptor::belief::{
     BeliefSettings, CHILDREN_NAT, COUNTS_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, LEAST_NAT, PLACE_M,
-    SETTLED, SURE_WITHIN_M2, TRUSTED_WITHIN_M2,
+    SETTLED,
 };
 use std::fmt;
 
@@ -85,7 +85,7 @@ impl<T: Real> Belief<T> {
         let agent = filter.agent();
         let summary = Summary {
             position_m: filter.position_m(),
-            probability: T::ONE,
+            probability: within(spread_m2(&agent)),
             covariance_m2: position_block(&agent),
         };
         let first = Component {
@@ -102,7 +102,7 @@ impl<T: Real> Belief<T> {
             components: vec![first],
             leader: 0,
             trusted: filter,
-            is_doubtful: summary.variance_m2() > T::of(SURE_WITHIN_M2),
+            is_doubtful: summary.probability < T::of(SETTLED),
             summary,
             region,
             anywhere_nat: T::of(LEAST_NAT),
@@ -124,7 +124,6 @@ impl<T: Real> Belief<T> {
     /// Whether memories and map may be judged.
     pub fn is_sure(&self) -> bool {
         self.summary.probability > T::of(self.settings.sure_probability)
-            && self.summary.variance_m2() < T::of(SURE_WITHIN_M2)
     }
 
     /// Whether places are proposed in this cycle.
@@ -334,11 +333,10 @@ impl<T: Real> Belief<T> {
             component.weight_nat -= total;
         }
         self.summarise();
-        self.is_doubtful = self.summary.probability < T::of(SETTLED)
-            || self.summary.variance_m2() > T::of(SURE_WITHIN_M2)
-            || self.explained < T::of(EXPLAINED_BELOW);
+        self.is_doubtful =
+            self.summary.probability < T::of(SETTLED) || self.explained < T::of(EXPLAINED_BELOW);
         let is_known = self.summary.probability > T::of(SETTLED);
-        if is_known && self.summary.variance_m2() < T::of(TRUSTED_WITHIN_M2) {
+        if is_known && self.summary.variance_m2() < square(T::of(PLACE_M)) {
             self.trusted = self.leading().clone();
         }
     }
@@ -369,6 +367,7 @@ impl<T: Real> Belief<T> {
         }
         covariance_m2[0][1] = covariance_m2[1][0];
         let mut summary = Summary { position_m: mean, probability: T::ZERO, covariance_m2 };
+        let mut most = T::ZERO;
         for (component, agent) in self.components.iter().zip(&agents) {
             if component.weight_nat <= num(LIGHTEST_NAT) {
                 continue;
@@ -386,9 +385,18 @@ impl<T: Real> Belief<T> {
                     }
                 }
             }
-            if weight > summary.probability {
-                summary.probability = weight;
+            if weight > most {
+                most = weight;
                 summary.position_m = sum.map(|sum| sum / weight);
+                summary.probability = T::ZERO;
+                for (own, other) in weights.iter().zip(&agents) {
+                    let d = [PX, PY].map(|p| other.mean[p] - agent.mean[p]);
+                    if square(d[0]) + square(d[1]) < near_m2 {
+                        let off = [PX, PY].map(|p| other.mean[p] - summary.position_m[p]);
+                        let moment_m2 = spread_m2(other) + (square(off[0]) + square(off[1]));
+                        summary.probability += *own * within(moment_m2);
+                    }
+                }
             }
         }
         self.summary = summary;
@@ -549,6 +557,16 @@ pub fn anywhere_nat<T: Real>(
         sum += *found * *selections;
     }
     sum_nat + ln(larger(sum, T::of(f32::MIN_POSITIVE)))
+}
+
+/// Sum of the variances of the position.
+fn spread_m2<T: Real>(agent: &Agent<T>) -> T {
+    agent.covariance[PX][PX] + agent.covariance[PY][PY]
+}
+
+/// Probability of a distance of at most [`WITHIN_M`] where its square has this mean, of an isotropic Gaussian.
+fn within<T: Real>(moment_m2: T) -> T {
+    T::ONE - exp(-square(T::of(WITHIN_M)) / larger(moment_m2, T::of(LEAST_MOMENT_M2)))
 }
 
 /// The covariance of the position.

@@ -115,7 +115,7 @@ mod tests {
         // Whatever comes, it is a number.
         let certain = [1.0; 24];
         let many: heapless::Vec<Measurement, 16> = (0..16).map(|_| path(0.0)).collect();
-        let rare = Clutter { all_per_m: 1e-6, false_alarms_per_m: 1e-6 };
+        let rare = Clutter { all_per_m: 2e-6, false_alarms_per_m: 1e-6 };
         for clutter in [CLUTTER, rare] {
             for count in [0, 1, 16] {
                 let heard: heapless::Vec<Measurement, 16> = many.iter().take(count).copied().collect();

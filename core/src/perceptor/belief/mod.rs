@@ -69,14 +69,8 @@ pub const KNOWN: f32 = 0.5;
 pub const LEAST_NAT: f32 = -80.0;
 /// Tuned: places nearer to each other than this are one, metres.
 pub const PLACE_M: f32 = 0.3;
-/// Mathematics: against a map judged from a place known too roughly: largest sum of the position's variances, square metres: as
-/// wide as a place on both axes.
-pub const SURE_WITHIN_M2: f32 = 2.0 * (PLACE_M * PLACE_M);
 /// Tuned: probability of the leading place from which on the tag is settled there; below, newcomers are needed.
 pub const SETTLED: f32 = 0.98;
-/// Mathematics: largest sum of the position's variances of a settled tag whose state is kept for newcomers, square metres: half
-/// the deviation.
-pub const TRUSTED_WITHIN_M2: f32 = 0.25 * SURE_WITHIN_M2;
 /// Tuned: newcomers are needed as well where less than this share of the strong paths is explained.
 pub const EXPLAINED_BELOW: f32 = 0.8;
 /// Tuned: smoothing of that share, by one cycle.
@@ -137,7 +131,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             region,
             anywhere_nat: LEAST_NAT,
             explained: 1.0,
-            is_doubtful: summary.variance_m2() > SURE_WITHIN_M2,
+            is_doubtful: summary.probability < SETTLED,
             heard: 0,
         }
     }
@@ -188,7 +182,6 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     /// Whether the place is known well enough to judge memories and map from it.
     pub fn is_sure(&self) -> bool {
         self.summary.probability > self.settings.sure_probability
-            && self.summary.variance_m2() < SURE_WITHIN_M2
     }
 
     /// Whether newcomers are needed, by what was heard last: prediction alone makes a place wider, not doubtful.
@@ -197,9 +190,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     }
 
     fn doubts(&self) -> bool {
-        self.summary.probability < SETTLED
-            || self.summary.variance_m2() > SURE_WITHIN_M2
-            || self.explained < EXPLAINED_BELOW
+        self.summary.probability < SETTLED || self.explained < EXPLAINED_BELOW
     }
 
     /// Moves all components `elapsed_s` seconds ahead. Where anything is heard again, `unheard_s` seconds after the last time,
@@ -348,7 +339,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
         self.sum_up();
         self.is_doubtful = self.doubts();
-        if self.summary.probability > SETTLED && self.summary.variance_m2() < TRUSTED_WITHIN_M2 {
+        if self.summary.probability > SETTLED && self.summary.variance_m2() < PLACE_M * PLACE_M {
             self.trusted = self.leader().clone();
         }
     }

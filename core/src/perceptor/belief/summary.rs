@@ -4,12 +4,17 @@ use super::PLACE_M;
 use super::component::Component;
 use crate::model::motion::Agent;
 use crate::model::region::Region;
-use crate::real::exp;
+use crate::real::{exp, larger};
 use nalgebra::Matrix2;
 
 /// Mathematics: components are one place where they are nearer than so many deviations of the one, squared, per axis, beyond
 /// [`PLACE_M`].
 pub const DEVIATIONS: f32 = 2.0;
+/// Mathematics: what the probability that is reported is of: that the tag is no farther than this, metres, from where it is
+/// reported to be.
+pub const WITHIN_M: f32 = 1.0;
+/// Guard: against the division by it: least second moment, square metres.
+pub const LEAST_MOMENT_M2: f32 = 1e-4;
 /// Guard: against work on what does not count: components lighter than this lead no place, nats.
 pub const LIGHTEST_NAT: f32 = -4.0;
 
@@ -18,7 +23,7 @@ pub const LIGHTEST_NAT: f32 = -4.0;
 pub struct Summary {
     /// Mean of the components there, metres.
     pub position_m: [f32; 2],
-    /// Probability that the tag is there.
+    /// Probability that the tag is within [`WITHIN_M`] of it.
     pub probability: f32,
     /// Covariance over all places that it may be at, square metres.
     pub covariance_m2: Matrix2<f32>,
@@ -30,7 +35,7 @@ impl Summary {
         let c = &agent.covariance;
         Self {
             position_m: [agent.mean.x, agent.mean.y],
-            probability: 1.0,
+            probability: 1.0 - exp(-(WITHIN_M * WITHIN_M) / larger(c.m11 + c.m22, LEAST_MOMENT_M2)),
             covariance_m2: Matrix2::new(c.m11, c.m21, c.m21, c.m22),
         }
     }
@@ -65,6 +70,7 @@ impl Summary {
         }
         let mut summary =
             Self { position_m: [x, y], probability: 0.0, covariance_m2: Matrix2::new(xx, yx, yx, yy) };
+        let mut most = 0.0;
         for component in components.iter().filter(|component| component.weight_nat > LIGHTEST_NAT) {
             let [x, y] = component.filter.position_m();
             let c = component.filter.position_covariance_m2();
@@ -80,9 +86,10 @@ impl Summary {
                     sum_y += own * other_y;
                 }
             }
-            if weight > summary.probability {
-                summary.probability = weight;
+            if weight > most {
+                most = weight;
                 summary.position_m = [sum_x / weight, sum_y / weight];
+                summary.probability = within(components, summary.position_m, [x, y], near_m2);
             }
         }
         summary
@@ -99,6 +106,28 @@ impl Summary {
         f(self.probability);
         self.covariance_m2.iter().for_each(|v| f(*v));
     }
+}
+
+/// Probability that the tag is within [`WITHIN_M`] of a position, by the components of the place around `of_m`: of each, as if its
+/// second moment about the position were that of an isotropic Gaussian.
+fn within<const ANCHORS: usize, const SURFACES: usize>(
+    components: &[Component<ANCHORS, SURFACES>],
+    [x, y]: [f32; 2],
+    [of_x, of_y]: [f32; 2],
+    near_m2: f32,
+) -> f32 {
+    let mut sum = 0.0;
+    for component in components {
+        let [own_x, own_y] = component.filter.position_m();
+        let (dx, dy) = (own_x - of_x, own_y - of_y);
+        if dx * dx + dy * dy < near_m2 {
+            let c = component.filter.position_covariance_m2();
+            let (dx, dy) = (own_x - x, own_y - y);
+            let moment_m2 = larger(c.m11 + c.m22 + (dx * dx + dy * dy), LEAST_MOMENT_M2);
+            sum += exp(component.weight_nat) * (1.0 - exp(-(WITHIN_M * WITHIN_M) / moment_m2));
+        }
+    }
+    sum
 }
 
 #[cfg(test)]
