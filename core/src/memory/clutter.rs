@@ -1,15 +1,14 @@
 //! Clutter memory: how many measurements of each anchor belong to nothing known.
 
-use crate::memory::channel::USUAL_FALL_PER_S;
 use crate::model::clock::gain;
 use crate::model::measurement::Clutter;
 use crate::model::measurement::Ranging;
 use crate::perceptor::association::AssociationSettings;
 use crate::real::larger;
 
-/// Mathematics: forgetting in one scan: how fast the number changes, as the variance of its walk per second over that of one
-/// count: as fast as the usual noise falls.
-pub const WALK_PER_S: f32 = USUAL_FALL_PER_S;
+/// Tuned: how fast surroundings change, as the variance of the walk per second over that of one scan: 5 % at 10 Hz. So does the
+/// number of measurements, and the usual noise of a place where it falls.
+pub const WALK_PER_S: f32 = 0.026;
 
 /// Mean number of measurements per scan that belong to nothing known, by anchor.
 #[derive(Clone, Debug)]

@@ -279,7 +279,9 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
                 *bs = Vector2::new(x, y);
             }
         }
-        for (other, xs) in c.xs.iter().enumerate() {
+        for (other, (xs, _)) in
+            c.xs.iter().zip(&self.surfaces).enumerate().filter(|(_, (_, surface))| surface.is_some())
+        {
             let ((xx, yx), (xy, yy)) = (carried(xs.m11, xs.m21), carried(xs.m12, xs.m22));
             let block = if other == slot {
                 Matrix2::new(own.m11 + xx, own.m21 + yx, own.m21 + yx, own.m22 + yy)
@@ -413,7 +415,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         for bs in c.bs.get_mut(slot).into_iter().flatten() {
             *bs = Vector2::new(t.m11 * bs.x + t.m12 * bs.y, t.m21 * bs.x + t.m22 * bs.y);
         }
-        for other in 0..SURFACES {
+        for (other, _) in self.surfaces.iter().enumerate().filter(|(_, surface)| surface.is_some()) {
             let Some(block) = c.ss.get(slot, other) else { continue };
             let carried = product(t, &block);
             c.ss.set(slot, other, &if other == slot { product_transposed(&carried, t) } else { carried });
@@ -1148,6 +1150,20 @@ mod tests {
             );
         }
         assert!(!filter().rebase(FREE, Surface::Private, Vector2::zeros(), &Matrix2::identity()));
+    }
+
+    /// Its zeros are positive, whatever is multiplied with others' rows: updates may add zeros to them or not.
+    #[test]
+    fn a_free_slot_has_no_negative_zeros() {
+        let mut filter = filter();
+        let slopes = Matrix2::new(-0.4, -0.3, -0.2, -0.7);
+        assert!(filter.remove(0));
+        assert!(filter.insert_relative(0, Vector2::zeros(), &slopes, &Matrix2::identity()));
+        for slot in [0, 2, 3] {
+            assert!(filter.rebase(slot, Surface::Private, Vector2::zeros(), &slopes));
+            let block = filter.covariance.ss.get(slot, FREE).unwrap();
+            assert!(block.iter().all(|value| value.to_bits() == 0), "{slot}: {block}");
+        }
     }
 
     #[test]

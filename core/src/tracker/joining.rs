@@ -31,12 +31,9 @@ use nalgebra::{Matrix2, Vector2};
 
 /// Tuned: posterior probability of an explanation that is taken: as the model has it, one in a hundred is wrong.
 pub const CERTAIN: f32 = 0.99;
-/// Tuned: prior probability that an image is explained by one reflection in what is known of other anchors.
-pub const FIRST: f32 = 0.25;
-/// Tuned: prior probability that two reflections explain it.
-pub const SECOND: f32 = 0.2;
-/// Tuned: prior probability that a wall of the plan that is doubted explains it from elsewhere.
-pub const MOVED: f32 = 0.2;
+/// Mathematics: prior probability of each kind of explanation, none being favoured: one reflection, two, a wall of the plan that
+/// is doubted and stands elsewhere, anything else.
+pub const KIND: f32 = 0.25;
 /// Tuned: deviation of images from the walls that explain them, whatever the filter says, metres: errors of paths.
 pub const PATH_STD_M: f32 = 0.1;
 /// Tuned: deviation of the offset of a wall that is not where the plan says, metres.
@@ -51,8 +48,8 @@ pub const RIGHT_ANGLE_DEVIATIONS: f32 = 3.0;
 /// Tuned: cosine of an angle that is taken for a right one however well both walls are known: as in plans that are told with
 /// the usual deviations. Else both orders explain one image equally, and neither with certainty.
 pub const LEAST_SKEW: f32 = 0.05;
-/// Tuned: largest cosine of an angle that may be a right one.
-pub const SKEW: f32 = 0.15;
+/// Mathematics: largest cosine of an angle that may be a right one: so many deviations of a wall that is not where the plan says.
+pub const SKEW: f32 = RIGHT_ANGLE_DEVIATIONS * TURNED_STD_RAD;
 
 /// A wall that may explain an image.
 #[derive(Clone, Copy, Debug)]
@@ -202,7 +199,7 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
         }
     }
     let known = |sequence: &Sequence| environment.source_of(own_image.anchor, sequence).is_some();
-    let elsewhere = (1.0 - FIRST - SECOND - MOVED) * (2.0 / (TAU * max_range_m * max_range_m));
+    let elsewhere = KIND * (2.0 / (TAU * max_range_m * max_range_m));
 
     // Two reflections.
     let mut pairs = Best::default();
@@ -235,8 +232,8 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
         in_group.filter(|face| !known(&Sequence::of(face.slot as u8)))
     };
     let count = groups.clone().map(|group| of(group).count()).sum::<usize>();
-    let second = pairs.weight(SECOND, pairs.tried);
-    let third = moved.weight(MOVED, moved.tried);
+    let second = pairs.weight(KIND, pairs.tried);
+    let third = moved.weight(KIND, moved.tried);
     let mut taken: Option<(f32, Explanation)> = None;
     let mut take = |best: &Best, prior: f32, count: usize, all: f32| {
         let Some((density, explanation)) = best.best else { return };
@@ -254,14 +251,14 @@ fn explain<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
                 single = single.and(density(filter, own_image, face, None), images);
             }
         }
-        let first = single.weight(FIRST, count);
-        take(&single, FIRST, count, elsewhere + first + second + third);
+        let first = single.weight(KIND, count);
+        take(&single, KIND, count, elsewhere + first + second + third);
         most = larger(most, first);
     }
     // These compete with every anchor's.
     let all = elsewhere + most + second + third;
-    take(&pairs, SECOND, pairs.tried, all);
-    take(&moved, MOVED, moved.tried, all);
+    take(&pairs, KIND, pairs.tried, all);
+    take(&moved, KIND, moved.tried, all);
     taken.map(|(_, explanation)| explanation)
 }
 

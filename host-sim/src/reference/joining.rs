@@ -23,13 +23,13 @@ use cogmint_core::Anchor;
 use cogmint_core::model::image::Sequence;
 use cogmint_core::model::source::Source;
 use cogmint_core::tracker::joining::{
-    CERTAIN, FIRST, LEAST_SKEW, MOVED, MOVED_STD_M, NEAREST_M, PATH_STD_M, RIGHT_ANGLE_DEVIATIONS, SECOND,
-    SKEW, TURNED_STD_RAD,
+    CERTAIN, KIND, LEAST_SKEW, MOVED_STD_M, NEAREST_M, PATH_STD_M, RIGHT_ANGLE_DEVIATIONS, SKEW,
+    TURNED_STD_RAD,
 };
 
 /// The core's constants, kept as values, so that a test can change one.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // those of `cogmint_core::tracker::joining`
+#[allow(missing_docs)] // those of `cogmint_core::tracker::joining`; its `KIND` for every kind of explanation
 pub struct Constants {
     pub certain: f32,
     pub first: f32,
@@ -48,9 +48,9 @@ impl Default for Constants {
     fn default() -> Self {
         Self {
             certain: CERTAIN,
-            first: FIRST,
-            second: SECOND,
-            moved: MOVED,
+            first: KIND,
+            second: KIND,
+            moved: KIND,
             path_std_m: PATH_STD_M,
             moved_std_m: MOVED_STD_M,
             turned_std_rad: TURNED_STD_RAD,

@@ -108,6 +108,12 @@ impl<T: Real> StateFilter<T> {
             && matches!(self.surfaces[(index - first) / 2], Some(Surface::Wall(_)))
     }
 
+    /// Whether a state is a number of a slot without a surface.
+    fn is_free(&self, index: usize) -> bool {
+        let first = self.slot(0);
+        index >= first && self.surfaces[(index - first) / 2].is_none()
+    }
+
     /// Indices of all states in use, in order.
     fn active(&self) -> Vec<usize> {
         let mut indices: Vec<usize> = (0..AGENT).collect();
@@ -289,7 +295,7 @@ impl<T: Real> StateFilter<T> {
         let a = self.slot(slot);
         for axis in 0..2 {
             for i in 0..self.mean.len() {
-                if i != a && i != a + 1 {
+                if i != a && i != a + 1 && !self.is_free(i) {
                     let value = self.carried(gain[axis], i);
                     self.set_symmetric(a + axis, i, value);
                 }
@@ -365,7 +371,7 @@ impl<T: Real> StateFilter<T> {
         let s = self.slot(slot);
         let own = product(&product(slopes, &self.block(slot, slot)), &transposed(slopes));
         for i in 0..self.mean.len() {
-            if i != s && i != s + 1 {
+            if i != s && i != s + 1 && !self.is_free(i) {
                 let old = [self.covariance[s][i], self.covariance[s + 1][i]];
                 for number in 0..2 {
                     let value = slopes[number][0] * old[0] + slopes[number][1] * old[1];

@@ -59,14 +59,14 @@ pub const SEGMENTS: [PlanSegment; 6] = [
 /// - north-east, wall 2
 /// - south-east, wall 0
 /// - south-west, wall 0
-/// - north-west, walls 1 and 3
 /// - north-east, walls 1 and 3
 /// - north-west, walls 3 and 1
 /// - north-west, walls 2 and 0
 /// - north-east, walls 2 and 3
 /// - north-west, walls 0 and 3
 /// - north-east, walls 0 and 3
-/// - north-east, walls 1 and 2
+/// - south-west, walls 0 and 3
+/// - south-east, walls 2 and 0
 pub const PLAN: Plan<'static> = Plan {
     outline_m: &OUTLINE_M,
     walls: &WALLS,

@@ -21,6 +21,7 @@
 
 mod observe;
 
+use crate::memory::clutter::WALK_PER_S;
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
 use crate::model::clock::{gain, probability};
 use crate::model::measurement::Measurement;
@@ -60,8 +61,9 @@ impl Default for ChannelMemorySettings {
     }
 }
 
-/// Tuned: how fast the usual noise falls, as the variance of its walk per second over that of one frame: 5 % at 10 Hz.
-pub const USUAL_FALL_PER_S: f32 = 0.026;
+/// Mathematics: how fast the usual noise falls, as the variance of its walk per second over that of one frame: as fast as the
+/// surroundings change that clutter comes from.
+pub const USUAL_FALL_PER_S: f32 = WALK_PER_S;
 /// Tuned: the same, rising: 1 % at 10 Hz.
 pub const USUAL_RISE_PER_S: f32 = 0.001;
 /// Tuned: the same of the excess of noise at a familiar action: 3 % at 10 Hz. More blames the carrier for what changes slowly.

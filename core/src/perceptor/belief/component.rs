@@ -262,8 +262,8 @@ pub(in crate::perceptor::belief) mod tests {
             let turned = component([-0.6 * x, 0.8 * x], 0.5, 0.0).filter.agent();
             assert_eq!(is_one(&own, &turned), is_near);
         }
-        // sqrt(0.7) deviations of the velocities' difference, which are 0.3 sqrt 2.
-        for (v, is_near) in [(0.354, true), (0.356, false)] {
+        // The same deviations of the velocities' difference, which are 0.3 sqrt 2: 0.3 m/s.
+        for (v, is_near) in [(0.299, true), (0.301, false)] {
             let mut other = own;
             other.mean.w = v;
             assert_eq!(is_one(&own, &other), is_near, "{v}");

@@ -307,8 +307,9 @@ mod tests {
         };
         let (mut merged, mut worst) = (0, 0.0_f32);
         for _ in 0..500 {
-            let parts: std::vec::Vec<_> =
-                (0..12).map(|_| component([draw(), draw()], 0.05 + 0.3 * draw(), -6.5 * draw())).collect();
+            // None so far behind that it is dropped.
+            let mut part = || component([draw(), draw()], 0.05 + 0.3 * draw(), -COUNTS_NAT * draw());
+            let parts: std::vec::Vec<_> = (0..12).map(|_| part()).collect();
             let mut belief = belief::<12>(&parts);
             let before = belief.total_nat();
             belief.reduce();
