@@ -1179,15 +1179,16 @@ mod tests {
     #[test]
     fn frames_in_which_a_tag_is_sought_with_another_action_are_equal() {
         for gain_control in [false, true] {
-            let mut clean = recording(Kind::Complex, 90, 200);
+            let mut clean = recording(Kind::Complex, 110, 200);
             clean.radio.gain_control = gain_control;
-            let noisy = |quiet_from: usize, quiet: usize| {
+            // From a cycle on with another action, which is quiet four cycles later.
+            let noisy = |from: usize, action: usize| {
                 let mut recording = clean.clone();
                 let mut rng = Xoshiro128PlusPlus::seed_from_u64(9);
                 for (n, cycle) in recording.cycles.iter_mut().enumerate() {
                     for frame in &mut cycle.frames {
-                        let loud = if n < quiet_from { 1.0 } else { 0.0 };
-                        frame.action = if n < quiet_from { 0 } else { quiet };
+                        let loud = if n < from + 4 { 1.0 } else { 0.0 };
+                        frame.action = if n < from { 0 } else { action };
                         let Samples::Complex(samples) = &mut frame.samples else { continue };
                         let values = samples.iter_mut().flatten();
                         values.for_each(|value| *value += loud * noise(&mut rng) as f32);
@@ -1195,7 +1196,7 @@ mod tests {
                 }
                 recording
             };
-            let recording = noisy(90, 0);
+            let recording = noisy(110, 0);
             let mut tracker = setup(&recording).tracker::<SMALL_ANCHORS>().unwrap();
             let turn = inputs(&recording).enumerate().find_map(|(n, input)| {
                 step(&mut tracker, &input, &mut ()).unwrap();
@@ -1207,7 +1208,7 @@ mod tests {
             assert!(covered.sought_elsewhere > 3 && covered.searching < 80, "{from}: {covered:?}");
 
             let mut tracker = setup(&recording).tracker::<SMALL_ANCHORS>().unwrap();
-            for input in inputs(&recording).take(from + 15) {
+            for input in inputs(&recording).take(from + 19) {
                 step(&mut tracker, &input, &mut ()).unwrap();
             }
             let direct = Source::Direct { anchor: 0 };

@@ -142,6 +142,11 @@ mod tests {
         Summary::of(components, &REGION, 0.0)
     }
 
+    /// Probability of being within a metre of a place, by the second moment about it, in f64.
+    fn within_a_metre(moment_m2: f32) -> f32 {
+        (1.0 - (-1.0 / f64::from(moment_m2)).exp()) as f32
+    }
+
     fn assert_near(found: f32, exact: f32, what: &str) {
         assert!((found - exact).abs() < 1e-5, "{what}: {found} {exact}");
     }
@@ -152,7 +157,7 @@ mod tests {
             let heavy = component([1.0, 2.0], 0.1, ln(0.6));
             let light = component([4.0, 6.0], 0.2, ln(0.4));
             let found = of(&if swap { [light, heavy] } else { [heavy, light] });
-            assert_near(found.probability, 0.6, "probability");
+            assert_near(found.probability, 0.6 * within_a_metre(0.02), "probability");
             assert_eq!(found.position_m, [1.0, 2.0]);
             // Within: 0.6 x 0.01 + 0.4 x 0.04; between: 0.6 x 0.4 of (3, 4) (3, 4)'.
             let exact = Matrix2::new(0.022 + 0.24 * 9.0, 0.24 * 12.0, 0.24 * 12.0, 0.022 + 0.24 * 16.0);
@@ -188,9 +193,14 @@ mod tests {
     #[test]
     fn what_is_near_depends_on_how_well_the_component_is_known() {
         // sqrt(0.09 + 2 (0.04 + 0.04)): half a metre.
-        for (x, probability) in [(0.499, 1.0), (0.501, 0.7)] {
+        for (x, is_one) in [(0.499_f32, true), (0.501, false)] {
             let own = component([0.0, 0.0], 0.2, ln(0.7));
             let other = component([x, 0.0], 0.01, ln(0.3));
+            let mean = if is_one { 0.3 * x } else { 0.0 };
+            let mut probability = 0.7 * within_a_metre(0.08 + mean * mean);
+            if is_one {
+                probability += 0.3 * within_a_metre(0.0002 + (x - mean) * (x - mean));
+            }
             assert_near(of(&[own, other]).probability, probability, "probability");
         }
     }
@@ -200,7 +210,8 @@ mod tests {
         let own = component([3.0, -1.0], 0.4, 0.0);
         let (all, one) = (of(core::slice::from_ref(&own)), Summary::of_one(&own.filter.agent()));
         assert_eq!(all, one);
-        assert_eq!((one.probability, one.position_m), (1.0, [3.0, -1.0]));
+        assert_eq!(one.position_m, [3.0, -1.0]);
+        assert_near(one.probability, within_a_metre(0.32), "probability");
         assert_near(one.variance_m2(), 0.32, "variance");
     }
 
@@ -208,7 +219,7 @@ mod tests {
     fn a_tag_that_may_be_anywhere_is_claimed_to_be() {
         let own = component([1.0, 1.0], 0.1, ln(0.25));
         let found = Summary::of(&[own], &REGION, 0.75);
-        assert_near(found.probability, 0.25, "probability");
+        assert_near(found.probability, 0.25 * within_a_metre(0.02), "probability");
         assert_eq!(found.position_m, [1.0, 1.0]);
         // Within, and between: 1/4 x 3/4 of (1, -4) (1, -4)'.
         let exact = [0.0025 + 22.5 + 0.1875, 3.0 - 0.1875 * 4.0, 0.0025 + 15.0 + 0.1875 * 16.0];
