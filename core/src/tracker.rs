@@ -17,7 +17,7 @@ use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
 use crate::error::Error;
-use crate::information::entropy::{position_block, position_entropy_nat};
+use crate::information::entropy::position_entropy_nat;
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
@@ -134,6 +134,7 @@ impl<
         let last = belief.leader().agent();
         belief.predict(elapsed_s, is_heard.then_some(unheard_s));
         let predicted = belief.leader().agent();
+        let predicted_entropy_nat = position_entropy_nat(&belief.covariance_m2());
         if is_heard {
             // Over the whole time since anything was heard, however many cycles that were.
             discovery.predict(last_heard, &predicted, &config.motion.step(unheard_s));
@@ -203,7 +204,6 @@ impl<
 
         observer.stage(Stage::Act);
         let posterior = belief.leader().agent();
-        let entropy_nat = |agent: &Agent| position_entropy_nat(&position_block(&agent.covariance));
         let earned =
             reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
         let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
@@ -219,8 +219,8 @@ impl<
             position_m: belief.summary().position_m,
             position_covariance_m2: belief.summary().covariance_m2,
             probability: belief.summary().probability,
-            predicted_entropy_nat: entropy_nat(&predicted),
-            entropy_nat: entropy_nat(&posterior),
+            predicted_entropy_nat,
+            entropy_nat: position_entropy_nat(&belief.summary().covariance_m2),
             reward: earned,
             anchors_heard: heard.anchors,
             measurements: heard.measurements,

@@ -167,6 +167,9 @@ fn a_table_has_a_row_a_cycle_and_the_error_that_is_printed() {
     let room = cogmint::demo::seminar_room(1, 40).unwrap();
     let mut recording = cogmint::demo::run(&room, true, 1, || {}).unwrap().recording;
     recording.cycles[20].frames.clear();
+    // Anywhere in the room, and not heard at first.
+    recording.start.position_std_m = 3.0;
+    recording.cycles[..3].iter_mut().for_each(|cycle| cycle.frames.clear());
     recording.write(folder.path().join("r")).unwrap();
     let track = |more: &[&str]| cogmint(folder.path(), &[&["track", "r", "--seed", "3"], more].concat());
     let outcome = json(&track(&["--json", "--no-figure", "--table", "new/track.csv"]));

@@ -341,12 +341,15 @@ impl<T: Real> Belief<T> {
         }
     }
 
-    /// Position, probability and covariance.
-    pub fn summarise(&mut self) {
-        let num = T::of;
-        let weights: Vec<T> = self.components.iter().map(|component| exp(component.weight_nat)).collect();
-        let agents: Vec<Agent<T>> =
-            self.components.iter().map(|component| component.filter.agent()).collect();
+    /// The components' weights and tags.
+    fn places(&self) -> (Vec<T>, Vec<Agent<T>>) {
+        let weights = self.components.iter().map(|component| exp(component.weight_nat)).collect();
+        (weights, self.components.iter().map(|component| component.filter.agent()).collect())
+    }
+
+    /// Mean and covariance over all places.
+    pub fn moments(&self) -> ([T; 2], Square<T>) {
+        let (weights, agents) = self.places();
         let anywhere = exp(self.anywhere_nat);
         let mut mean = self.region.centre_m.map(|centre| anywhere * centre);
         for (weight, agent) in weights.iter().zip(&agents) {
@@ -366,6 +369,14 @@ impl<T: Real> Belief<T> {
             }
         }
         covariance_m2[0][1] = covariance_m2[1][0];
+        (mean, covariance_m2)
+    }
+
+    /// Position, probability and covariance.
+    pub fn summarise(&mut self) {
+        let num = T::of;
+        let (weights, agents) = self.places();
+        let (mean, covariance_m2) = self.moments();
         let mut summary = Summary { position_m: mean, probability: T::ZERO, covariance_m2 };
         let mut most = T::ZERO;
         for (component, agent) in self.components.iter().zip(&agents) {

@@ -208,6 +208,7 @@ impl<T: Real> Reference<T> {
         let is_heard = !scans.is_empty();
         belief.predict(elapsed_s, is_heard.then_some(unheard_s));
         let predicted = belief.leading().agent();
+        let (_, predicted_m2) = belief.moments();
         if is_heard {
             discovery.predict(last_heard, &predicted, &MotionStep::new(&config.motion, unheard_s));
         }
@@ -313,8 +314,8 @@ impl<T: Real> Reference<T> {
             position_m: belief.summary.position_m,
             position_covariance_m2: belief.summary.covariance_m2,
             probability: belief.summary.probability,
-            predicted_entropy_nat: position_entropy_nat(before),
-            entropy_nat: position_entropy_nat(after),
+            predicted_entropy_nat: position_entropy_nat(&predicted_m2.map(Vec::from).to_vec()),
+            entropy_nat: position_entropy_nat(&belief.summary.covariance_m2.map(Vec::from).to_vec()),
             reward: earned,
             anchors_heard: certain.len() as u32,
             measurements: free.len() as u32,

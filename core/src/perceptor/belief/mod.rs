@@ -22,7 +22,7 @@ pub mod summary;
 use self::component::Component;
 use self::proposal::Proposal;
 use self::reduction::PROTECTED;
-use self::summary::Summary;
+use self::summary::{Summary, moments};
 use crate::model::clock::probability;
 use crate::model::motion::Agent;
 use crate::model::region::Region;
@@ -342,6 +342,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         if self.summary.probability > SETTLED && self.summary.variance_m2() < PLACE_M * PLACE_M {
             self.trusted = self.leader().clone();
         }
+    }
+
+    /// Covariance over all places as they stand, square metres.
+    pub fn covariance_m2(&self) -> Matrix2<f32> {
+        moments(&self.components, &self.region, exp(self.anywhere_nat)).1
     }
 
     /// Sums up what is believed: all that is done in a cycle in which nothing was heard.

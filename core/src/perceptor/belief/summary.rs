@@ -46,30 +46,8 @@ impl Summary {
         region: &Region,
         anywhere: f32,
     ) -> Self {
-        let [centre_x, centre_y] = region.centre_m;
-        let (mut x, mut y) = (anywhere * centre_x, anywhere * centre_y);
-        for component in components {
-            let weight = exp(component.weight_nat);
-            let [own_x, own_y] = component.filter.position_m();
-            x += weight * own_x;
-            y += weight * own_y;
-        }
-        let (dx, dy) = (centre_x - x, centre_y - y);
-        let [c_xx, c_yx, c_yy] = region.covariance_m2;
-        let mut xx = anywhere * (c_xx + dx * dx);
-        let mut yx = anywhere * (c_yx + dx * dy);
-        let mut yy = anywhere * (c_yy + dy * dy);
-        for component in components {
-            let weight = exp(component.weight_nat);
-            let c = component.filter.position_covariance_m2();
-            let [own_x, own_y] = component.filter.position_m();
-            let (dx, dy) = (own_x - x, own_y - y);
-            xx += weight * (c.m11 + dx * dx);
-            yx += weight * (c.m21 + dx * dy);
-            yy += weight * (c.m22 + dy * dy);
-        }
-        let mut summary =
-            Self { position_m: [x, y], probability: 0.0, covariance_m2: Matrix2::new(xx, yx, yx, yy) };
+        let (position_m, covariance_m2) = moments(components, region, anywhere);
+        let mut summary = Self { position_m, probability: 0.0, covariance_m2 };
         let mut most = 0.0;
         for component in components.iter().filter(|component| component.weight_nat > LIGHTEST_NAT) {
             let [x, y] = component.filter.position_m();
@@ -106,6 +84,37 @@ impl Summary {
         f(self.probability);
         self.covariance_m2.iter().for_each(|v| f(*v));
     }
+}
+
+/// Mean (metres) and covariance (square metres) over all places; see [`Summary::of`].
+pub(super) fn moments<const ANCHORS: usize, const SURFACES: usize>(
+    components: &[Component<ANCHORS, SURFACES>],
+    region: &Region,
+    anywhere: f32,
+) -> ([f32; 2], Matrix2<f32>) {
+    let [centre_x, centre_y] = region.centre_m;
+    let (mut x, mut y) = (anywhere * centre_x, anywhere * centre_y);
+    for component in components {
+        let weight = exp(component.weight_nat);
+        let [own_x, own_y] = component.filter.position_m();
+        x += weight * own_x;
+        y += weight * own_y;
+    }
+    let (dx, dy) = (centre_x - x, centre_y - y);
+    let [c_xx, c_yx, c_yy] = region.covariance_m2;
+    let mut xx = anywhere * (c_xx + dx * dx);
+    let mut yx = anywhere * (c_yx + dx * dy);
+    let mut yy = anywhere * (c_yy + dy * dy);
+    for component in components {
+        let weight = exp(component.weight_nat);
+        let c = component.filter.position_covariance_m2();
+        let [own_x, own_y] = component.filter.position_m();
+        let (dx, dy) = (own_x - x, own_y - y);
+        xx += weight * (c.m11 + dx * dx);
+        yx += weight * (c.m21 + dx * dy);
+        yy += weight * (c.m22 + dy * dy);
+    }
+    ([x, y], Matrix2::new(xx, yx, yx, yy))
 }
 
 /// Probability that the tag is within [`WITHIN_M`] of a position, by the components of the place around `of_m`: of each, as if its
