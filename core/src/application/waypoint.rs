@@ -433,7 +433,6 @@ mod tests {
     use crate::model::anchor::Anchor;
     use crate::model::measurement::Measurement;
     use crate::model::motion::{Motion, Start};
-    use crate::model::observation::{Observation, Range, RangeScan};
     use crate::model::plan::Map;
     use crate::radio::library::{LIBRARY_PUBLISHED, LIBRARY_WIDE};
     use nalgebra::{Matrix2, Vector4};

@@ -128,7 +128,7 @@ impl<T: Real> Belief<T> {
 
     /// Whether places are proposed in this cycle.
     pub fn proposes(&self) -> bool {
-        self.is_doubtful || self.heard % proposal::EVERY == 0
+        self.is_doubtful || self.heard.is_multiple_of(proposal::EVERY)
     }
 
     /// Where its arcs begin.
