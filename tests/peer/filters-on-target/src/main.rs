@@ -8,8 +8,8 @@
 extern crate alloc;
 
 use alloc::boxed::Box;
-use cogmint_board::host::{self, File, Line};
-use cogmint_board::meter::{StackMeter, instructions};
+use cogmint_board::host::{self, Fault, File, Line};
+use cogmint_board::meter::{Instructions, MeterError, Scratch, instructions};
 use cogmint_peer_filters::textbook::Textbook;
 use cogmint_peer_filters::{ANCHORS, Filter, RANGES, STATES, Scene, VAS, kfilter_crate, minikalman_crate};
 use core::alloc::{GlobalAlloc, Layout};
@@ -53,8 +53,7 @@ fn heap_used() -> u32 {
 /// The board's panic handler calls a function that only exists where panics are allowed: here they are.
 #[unsafe(no_mangle)]
 extern "C" fn cogmint_has_a_reachable_panic() -> ! {
-    host::write(b"error panic\n");
-    host::exit(false)
+    host::end(Err(Fault(b"error panic\n")))
 }
 
 #[entry]
@@ -65,30 +64,29 @@ fn main() -> ! {
         (b"kfilter-ukf", |scene| Box::new(kfilter_crate::Unscented::new(scene))),
         (b"nalgebra-static", |scene| Box::new(Textbook::new(scene))),
     ];
-    let done = starts.into_iter().all(|(name, start)| run(name, start).is_some());
-    host::exit(done)
+    host::end(starts.into_iter().try_for_each(|(name, start)| run(name, start)))
 }
 
 /// Words of the feed.
 struct Words(File);
 
 impl Words {
-    fn word(&mut self) -> Option<[u8; 4]> {
+    fn word(&mut self) -> Result<[u8; 4], Fault> {
         let mut bytes = [0; 4];
-        self.0.read(&mut bytes).then_some(bytes)
+        if self.0.read(&mut bytes) { Ok(bytes) } else { Err(Fault::FEED) }
     }
 
-    fn float(&mut self) -> Option<f32> {
+    fn float(&mut self) -> Result<f32, Fault> {
         self.word().map(f32::from_le_bytes)
     }
 
-    fn point(&mut self) -> Option<[f32; 2]> {
-        Some([self.float()?, self.float()?])
+    fn point(&mut self) -> Result<[f32; 2], Fault> {
+        Ok([self.float()?, self.float()?])
     }
 }
 
-fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Option<()> {
-    let mut words = Words(File::open_feed()?);
+fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Result<(), Fault> {
+    let mut words = Words(File::open_feed().ok_or(Fault::FEED)?);
     let _magic = words.word()?;
     let steps = u32::from_le_bytes(words.word()?);
     let _surfaces = words.word()?;
@@ -134,9 +132,10 @@ fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Option<()> {
         for range in &mut ranges_m {
             *range = words.float()?;
         }
-        let stack = StackMeter::paint();
-        total += u64::from(step(&mut *filter, &ranges_m));
-        deepest = deepest.max(stack.used());
+        let stack = Scratch::paint()?;
+        let (billions, rest) = step(&mut *filter, &ranges_m)?.parts();
+        total += u64::from(billions) * 1_000_000_000 + u64::from(rest);
+        deepest = deepest.max(stack.used()?);
     }
     Line::new()
         .text(b"peer ")
@@ -146,11 +145,11 @@ fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Option<()> {
         .text(b" ")
         .decimal(heap_used() - heap + deepest)
         .end();
-    Some(())
+    Ok(())
 }
 
 /// One step; its own stack frame, so that all scratch lies below the painter.
 #[inline(never)]
-fn step(filter: &mut dyn Filter, ranges_m: &[f32; RANGES]) -> u32 {
-    instructions(|| filter.step(ranges_m)).0
+fn step(filter: &mut dyn Filter, ranges_m: &[f32; RANGES]) -> Result<Instructions, MeterError> {
+    Ok(instructions(|| filter.step(ranges_m))?.0)
 }
