@@ -133,8 +133,7 @@ fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Result<(), Fault> {
             *range = words.float()?;
         }
         let stack = Scratch::paint()?;
-        let (billions, rest) = step(&mut *filter, &ranges_m)?.parts();
-        total += u64::from(billions) * 1_000_000_000 + u64::from(rest);
+        total += step(&mut *filter, &ranges_m)?.count();
         deepest = deepest.max(stack.used()?);
     }
     Line::new()
