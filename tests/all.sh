@@ -70,3 +70,6 @@ cargo test --locked -p cogmint-core -p cogmint-tests --doc
 
 step "target, and every budget"
 bash tests/budgets.sh
+
+step "the state filter beside others"
+bash tests/filter_benchmark.sh

@@ -32,4 +32,9 @@ while read -r _ name instructions bytes; do
   column memory "$name" "$bytes"
 done < <(grep '^peer ' "$work/peers/target.txt")
 
+# An option and its value for each of two figures of five filters.
+if [ "${#columns[@]}" -ne 20 ]; then
+  say "the target measured $((${#columns[@]} / 2)) of 10 figures"
+  exit 1
+fi
 cargo bench --quiet --locked -p cogmint-tests --bench state_filter -- "${columns[@]}"

@@ -164,6 +164,9 @@ fn columns(
         if !ROWS.iter().any(|row| row.name == name) {
             return Err(format!("{option}: there is no filter {name}"));
         }
+        if !number.parse::<u64>().is_ok_and(|number| number > 0) {
+            return Err(format!("{option}: {name} was not measured: {number:?} is no number above 0"));
+        }
         columns.insert((option, name.into()), number.into());
     }
     Ok(columns)

@@ -118,7 +118,7 @@ fn a_person_who_turns_on_his_heel_is_not_lost() {
 
 /// Not in every run: some enter the room again at a wrong place. Six of these eight are right; all is what must be.
 #[test]
-fn a_radio_that_was_jammed_has_the_tag_again_fifteen_cycles_later() {
+fn a_radio_that_was_jammed_has_the_tag_again_fifteen_cycles_later_in_six_of_eight_runs() {
     let mut found = 0;
     for seed in 1..=8 {
         let simulator = cogmint::demo::seminar_room(seed, 1000).unwrap();

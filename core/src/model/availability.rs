@@ -11,7 +11,7 @@
 //!
 //! Two points are on one side of a wall by the normal distribution of the distance of each over its own deviation and the
 //! wall's. An anchor hangs in the room, and so does what its paths come from where an image stands near a wall: by a wall of the
-//! outline they count as 2.5 deviations of the wall farther on the inside, so that they are inside unless surely outside.
+//! outline they count as `SURE` deviations of the wall farther on the inside, so that they are inside unless surely outside.
 //! By a partition they are on either side as their distance says.
 //!
 //! What the reflections of a path depend on counts by its least probability: in a corner, on which side of one wall a path is

@@ -35,6 +35,11 @@ impl Instructions {
         Self { ticks }
     }
 
+    /// Their number.
+    pub fn count(self) -> u64 {
+        u64::from(self.ticks) * u64::from(PER_TICK)
+    }
+
     /// Thousand millions, and what is left.
     pub fn parts(self) -> (u32, u32) {
         (self.ticks / TICKS_PER_BILLION, self.ticks % TICKS_PER_BILLION * PER_TICK)

@@ -1,5 +1,6 @@
 //! What many runs of one scenario come to.
 
+use crate::experiment::over_runs::mean_of;
 use crate::replay::TrackerVariant;
 use crate::score::Score;
 use crate::score::consistency::Consistency;
@@ -84,7 +85,7 @@ impl Figures {
             values.sort_by(f64::total_cmp);
             values
         };
-        let average = |figure| mean(&each(figure));
+        let average = |figure| mean_of(each(figure).into_iter());
         let rmse_m = each(|run| run.score.rmse_m);
         let bound = outcomes.iter().filter_map(|run| run.against_bound).reduce(|a, b| AgainstBound {
             squares_m2: a.squares_m2 + b.squares_m2,
@@ -96,7 +97,7 @@ impl Figures {
             scenario: scenario.into(),
             variant: variant.name(),
             runs: outcomes.len(),
-            rmse_m: mean(&rmse_m),
+            rmse_m: mean_of(rmse_m.iter().copied()),
             rmse_median_m: median(&rmse_m),
             rmse_worst_m: rmse_m.last().copied(),
             p95_worst_m: each(|run| run.score.p95_m).last().copied(),
@@ -114,10 +115,6 @@ impl Figures {
             us_per_cycle: average(|run| Some(run.score.us_per_cycle)).unwrap_or(0.0),
         }
     }
-}
-
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// Of sorted values.

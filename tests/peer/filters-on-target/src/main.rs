@@ -73,7 +73,7 @@ struct Words(File);
 impl Words {
     fn word(&mut self) -> Result<[u8; 4], Fault> {
         let mut bytes = [0; 4];
-        self.0.read(&mut bytes).then_some(bytes).ok_or(Fault::FEED)
+        if self.0.read(&mut bytes) { Ok(bytes) } else { Err(Fault::FEED) }
     }
 
     fn float(&mut self) -> Result<f32, Fault> {
@@ -133,8 +133,7 @@ fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Result<(), Fault> {
             *range = words.float()?;
         }
         let stack = Scratch::paint()?;
-        let (billions, rest) = step(&mut *filter, &ranges_m)?.parts();
-        total += u64::from(billions) * 1_000_000_000 + u64::from(rest);
+        total += step(&mut *filter, &ranges_m)?.count();
         deepest = deepest.max(stack.used()?);
     }
     Line::new()
