@@ -199,10 +199,19 @@ impl Config {
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;
         within(association.unmapped_per_anchor, 0.0, 100.0, Setting::UnmappedPerAnchor)?;
         within(association.map_change_per_s, 0.0, 10.0, Setting::MapChange)?;
-        let BeliefSettings { turns_per_s, elsewhere_per_s, split_above_m, dropped_nat, sure_probability } =
-            *belief;
+        let BeliefSettings {
+            turns_per_s,
+            elsewhere_per_s,
+            outages_per_s,
+            returns_per_s,
+            split_above_m,
+            dropped_nat,
+            sure_probability,
+        } = *belief;
         within(turns_per_s, 0.0, 10.0, Setting::Turns)?;
         within(elsewhere_per_s, 1e-9, 1.0, Setting::Elsewhere)?;
+        within(outages_per_s, 0.0, 10.0, Setting::Outages)?;
+        within(returns_per_s, 1e-3, 100.0, Setting::Outages)?;
         within(split_above_m, 0.01, 100.0, Setting::SplitAbove)?;
         within(dropped_nat, 1.0, 100.0, Setting::Dropped)?;
         within(sure_probability, 0.5, 0.9999, Setting::SureProbability)?;

@@ -171,6 +171,7 @@ pub enum Setting {
     MapChange,
     Turns,
     Elsewhere,
+    Outages,
     SplitAbove,
     Dropped,
     SureProbability,

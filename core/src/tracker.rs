@@ -190,7 +190,17 @@ impl<
 
         observer.stage(Stage::Remember);
         let known = (searching, is_sure);
-        remember(environment, channel, clutter, receiver, &told, known, controllers, &outcomes);
+        remember(
+            environment,
+            channel,
+            clutter,
+            receiver,
+            &told,
+            |anchor| belief.is_out(anchor),
+            known,
+            controllers,
+            &outcomes,
+        );
         if is_sure {
             look_through(transmission, &told, walls, &Place::of(&posterior), &outcomes);
         }
@@ -210,7 +220,16 @@ impl<
         let filter = belief.leader();
         let known = Known { filter, environment, channel, plan, walls };
         let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(&told, Place::of(&posterior)));
-        let decision = controllers.decide(earned, searching, scans, &state, seen.iter(), channel, library);
+        let decision = controllers.decide(
+            earned,
+            searching,
+            |anchor| belief.is_out(anchor),
+            scans,
+            &state,
+            seen.iter(),
+            channel,
+            library,
+        );
 
         // While the tag is looked for, nothing is associated with certainty.
         let heard = if searching { Heard::default() } else { Heard::of(&outcomes) };

@@ -321,6 +321,8 @@ fn configurations_out_of_range_are_refused() {
     refuse(|c| c.estimator.strong_sinr = 1.0, Setting::StrongSinr);
     refuse(|c| c.estimator.merge_pulses = f32::NAN, Setting::MergeDistance);
     refuse(|c| c.belief.elsewhere_per_s = 0.0, Setting::Elsewhere);
+    refuse(|c| c.belief.outages_per_s = -1.0, Setting::Outages);
+    refuse(|c| c.belief.returns_per_s = 0.0, Setting::Outages);
     refuse(|c| c.belief.split_above_m = 0.0, Setting::SplitAbove);
     refuse(|c| c.belief.dropped_nat = 0.0, Setting::Dropped);
     refuse(|c| c.belief.sure_probability = 1.0, Setting::SureProbability);

@@ -48,7 +48,8 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
     pub fn decide<const PATHS: usize>(
         &mut self,
         earned: f32,
-        is_lost: bool,
+        is_searching: bool,
+        is_out: impl Fn(usize) -> bool,
         scans: &Vec<Scan<PATHS>, ANCHORS>,
         state: &PlanningState,
         sources: impl Iterator<Item = Visible> + Clone,
@@ -66,13 +67,16 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
             let Some(controller) = self.controllers.get_mut(index) else { break };
             let is_own = move |anchor: usize| is_common || anchor == index;
             let own = scans.iter().filter(|scan| is_own(scan.anchor));
+            // An action with which none of its anchors is heard may be the reason.
+            let is_lost = is_searching
+                || (0..self.anchors).filter(|anchor| is_own(*anchor)).all(|anchor| is_out(anchor));
             let framed = own.clone().find(|scan| scan.is_framed());
             let heard = own.count() > 0;
             let called = is_common && self.links.calls(self.anchors);
             // The reward belongs to the action received with, which need not be the one that was asked for.
             let applied = framed.map_or(controller.action_index(), |scan| scan.action);
             // While the tag is looked for, no measurement is taken: what a cycle earns then says nothing of its action.
-            let earned = (!is_lost && heard).then_some(earned);
+            let earned = (!is_searching && heard).then_some(earned);
             let planner = Planner::new(controller.horizon(), state, channel, library);
             let others = sources.clone().filter_map(|sight| {
                 let anchor = sight.source.anchor();

@@ -106,10 +106,13 @@ pub(super) fn hear<
     let mut claims = Some(claims);
     let mut most = 0.0;
     let mode = told.config.association.mode;
+    let settings = *belief.settings();
     for component in belief.components_mut() {
         let known = Known { filter: &component.filter, environment, channel, plan, walls };
         let Some(expected) = known.expect(told, scan) else { continue };
-        let outcome = associate_scan(scan, expected, &totals, &clutter.clutter(scan.anchor), mode);
+        let outage = component.outages.predict(scan.anchor, scan.elapsed_s, &settings);
+        let outcome = associate_scan(scan, expected, &totals, &clutter.clutter(scan.anchor), outage, mode);
+        component.outages.set(scan.anchor, outcome.beliefs.outage);
         component.weight_nat += outcome.beliefs.evidence_nat;
         component.filter.update(outcome.innovations());
         // Kept where it stays: an outcome takes kilobytes.
@@ -126,12 +129,13 @@ pub(super) fn hear<
     }
     belief.reduce();
     let (outcome, _) = outcomes.get(place)?;
-    belief.hear_anywhere(anywhere::evidence_nat(
+    let evidence_nat = anywhere::evidence_nat(
         outcome.expected.paths(),
         &scan.measurements,
         &clutter.clutter(scan.anchor),
         told.config.ranging.max_range_m,
-    ));
+    );
+    belief.hear_anywhere(scan.anchor, scan.elapsed_s, evidence_nat);
     Some(outcome)
 }
 
@@ -211,13 +215,14 @@ pub(super) fn remember<
     clutter: &mut ClutterMemory<ANCHORS>,
     receiver: &mut Receiver<ANCHORS, PATHS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
+    is_out: impl Fn(usize) -> bool,
     (is_searching, is_sure): (bool, bool),
     controllers: &Controllers<ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
     let library = told.library;
     let framed = outcomes.iter().map(|(outcome, _)| outcome.scan).filter(|scan| scan.is_framed());
-    for scan in framed.filter(|_| !is_searching) {
+    for scan in framed.filter(|scan| !is_searching && !is_out(scan.anchor)) {
         // The tag was found: with which action, tells what gain control had hidden.
         if let Some(excess_ln) = receiver.found(scan.anchor) {
             let held = controllers.of(scan.anchor).map_or(0, Controller::held);

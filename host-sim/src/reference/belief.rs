@@ -6,6 +6,7 @@
 use super::association::{Clutter, Measurement};
 use super::clock::probability;
 use super::motion::{Agent, PX, PY, VX, VY};
+use super::outage::{Outages, weigh};
 use super::proposal::{self, Proposal};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
 use super::region::Region;
@@ -18,8 +19,8 @@ use cogmint_core::perceptor::belief::component::{
 use cogmint_core::perceptor::belief::reduction::{LEAST_SHARE, PROTECTED};
 use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LEAST_MOMENT_M2, LIGHTEST_NAT, WITHIN_M};
 use cogmint_core::perceptor::belief::{
-    BeliefSettings, CHILDREN_NAT, COUNTS_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, LEAST_NAT, PLACE_M,
-    SETTLED,
+    BeliefSettings, CHILDREN_NAT, COUNTS_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, LEAST_NAT, OUT,
+    PLACE_M, SETTLED,
 };
 use std::fmt;
 
@@ -32,6 +33,8 @@ pub struct Component<T> {
     pub weight_nat: T,
     /// Cycles heard since it was proposed; the largest number where it is established.
     age: u16,
+    /// Of which anchors it hears nothing.
+    pub outages: Outages<T>,
     /// Where its way began, metres.
     from_m: [T; 2],
     /// ln of the factor of that way and of the outline in its weight.
@@ -67,6 +70,8 @@ pub struct Belief<T> {
     region: Region<T>,
     /// ln of the weight of a tag that is anywhere in it.
     pub anywhere_nat: T,
+    /// Of which anchors nothing is heard there.
+    pub outages: Outages<T>,
     explained: T,
     /// Whether what was heard last left doubt.
     is_doubtful: bool,
@@ -88,7 +93,9 @@ impl<T: Real> Belief<T> {
             probability: within(spread_m2(&agent)),
             covariance_m2: position_block(&agent),
         };
+        let outages = Outages::usual(filter.anchors, &settings);
         let first = Component {
+            outages: outages.clone(),
             from_m: filter.position_m(),
             filter: filter.clone(),
             weight_nat: T::ZERO,
@@ -106,6 +113,7 @@ impl<T: Real> Belief<T> {
             summary,
             region,
             anywhere_nat: T::of(LEAST_NAT),
+            outages,
             explained: T::ONE,
             heard: 0,
         }
@@ -119,6 +127,19 @@ impl<T: Real> Belief<T> {
     /// Whether it is not known where the tag is.
     pub fn is_searching(&self) -> bool {
         self.summary.probability < T::of(KNOWN)
+    }
+
+    /// Whether an anchor is more probably out than heard.
+    pub fn is_out(&self, anchor: usize) -> bool {
+        self.components[self.leader].outages.0[anchor] > T::of(OUT)
+    }
+
+    /// Enters an anchor's scan, `dt` seconds after the last, as a tag that is anywhere explains it.
+    pub fn hear_anywhere(&mut self, anchor: usize, dt: T, evidence_nat: T) {
+        let outage = self.outages.predict(anchor, dt, &self.settings);
+        let (evidence_nat, outage) = weigh(outage, evidence_nat);
+        self.anywhere_nat += evidence_nat;
+        self.outages.0[anchor] = outage;
     }
 
     /// Whether memories and map may be judged.
@@ -236,7 +257,8 @@ impl<T: Real> Belief<T> {
         let weight_nat = self.anywhere_nat + ln(smaller(share, T::ONE));
         if self.components.len() < self.capacity {
             let (from_m, hindrance_nat) = (filter.position_m(), T::ZERO);
-            self.components.push(Component { filter, weight_nat, age: 0, from_m, hindrance_nat });
+            let outages = self.outages.clone();
+            self.components.push(Component { filter, weight_nat, age: 0, outages, from_m, hindrance_nat });
         }
     }
 
@@ -296,6 +318,7 @@ impl<T: Real> Belief<T> {
                 filter,
                 weight_nat: T::ZERO,
                 age: u16::MAX,
+                outages: self.outages.clone(),
                 from_m,
                 hindrance_nat: T::ZERO,
             });
@@ -312,6 +335,7 @@ impl<T: Real> Belief<T> {
         let share = b / (a + b);
         if share > T::of(LEAST_SHARE) {
             own.filter.merge(&other.filter, share);
+            own.outages.merge(&other.outages, share);
         }
         own.weight_nat = most + ln(a + b);
         own.age = own.age.max(other.age);
@@ -475,6 +499,9 @@ impl<T: Real> Belief<T> {
             component.filter.visit(&mut |name, value| f(format_args!("component {index}: {name}"), value));
             f(format_args!("weight of component {index}"), component.weight_nat);
             f(format_args!("age of component {index}"), T::of_count(usize::from(component.age)));
+            for outage in &component.outages.0 {
+                f(format_args!("outage of an anchor in component {index}"), *outage);
+            }
             for axis in 0..2 {
                 f(format_args!("beginning of the way of component {index}"), component.from_m[axis]);
             }
@@ -489,6 +516,9 @@ impl<T: Real> Belief<T> {
             f(format_args!("covariance believed"), *value);
         }
         f(format_args!("weight of anywhere"), self.anywhere_nat);
+        for outage in &self.outages.0 {
+            f(format_args!("outage of an anchor anywhere"), *outage);
+        }
         f(format_args!("share of strong paths explained"), self.explained);
         f(format_args!("doubt"), T::of_count(usize::from(self.is_doubtful)));
         f(format_args!("cycles heard"), T::of_count(self.heard as usize));

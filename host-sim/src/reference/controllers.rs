@@ -49,10 +49,10 @@ impl<T: Real> Controllers<T> {
     }
 
     /// The link to every anchor.
-    pub fn links(&self, is_lost: bool) -> Vec<Link> {
+    pub fn links(&self, is_lost: impl Fn(usize) -> bool) -> Vec<Link> {
         let link = |anchor: usize| {
             let Controller { action, held, sought_with, .. } = *self.of(anchor);
-            Link { expected: action, held, sought_with, is_lost }
+            Link { expected: action, held, sought_with, is_lost: is_lost(anchor) }
         };
         (0..self.anchors).map(link).collect()
     }
@@ -63,7 +63,8 @@ impl<T: Real> Controllers<T> {
         &mut self,
         cycle: u32,
         earned: T,
-        lost: bool,
+        searching: bool,
+        out: &[bool],
         scans: &[&Scan<T>],
         outlook: &Outlook<T>,
         visible: &[Visible<T>],
@@ -85,9 +86,11 @@ impl<T: Real> Controllers<T> {
             // The action received with earns the reward: of the first, where frames differ.
             let framed = own.iter().find(|scan| scan.frame.is_some());
             let heard = !own.is_empty();
+            let lost =
+                searching || (0..self.anchors).filter(|&anchor| of_own(anchor)).all(|anchor| out[anchor]);
             let outcome = Outcome {
                 applied: framed.map_or(self.all[index].action, |scan| scan.action),
-                earned: (heard && !lost).then_some(earned),
+                earned: (heard && !searching).then_some(earned),
                 heard,
                 elapsed_s: outlook.elapsed_s,
                 lost,

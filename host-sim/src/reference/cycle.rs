@@ -198,7 +198,7 @@ impl<T: Real> Reference<T> {
         let told = Told { config, anchors, library, tag_height };
 
         // Receive and estimate.
-        let links = controllers.links(belief.is_searching());
+        let links = controllers.links(|anchor| belief.is_searching() || belief.is_out(anchor));
         let (estimates, scans) =
             receiver.receive(observations, elapsed_s, &links, channel.losses_ln(), library);
 
@@ -236,11 +236,14 @@ impl<T: Real> Reference<T> {
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
             let clutter = clutter.clutter(scan.anchor);
             let mut best: Option<(T, Outcome<T>)> = None;
+            let settings = &config.belief;
             for component in &mut belief.components {
                 let known = Known { filter: &component.filter, environment, channel, plan, walls };
                 let expected = known.expect(&told, &scan);
                 let mode = config.association.mode;
-                let outcome = associate_scan(scan.clone(), expected, claims.clone(), &clutter, mode);
+                let outage = component.outages.predict(scan.anchor, scan.elapsed_s, settings);
+                let outcome = associate_scan(scan.clone(), expected, claims.clone(), &clutter, outage, mode);
+                component.outages.0[scan.anchor] = outcome.beliefs.outage;
                 component.weight_nat += outcome.beliefs.evidence_nat;
                 component.filter.update(&outcome.innovations());
                 // Order: the first of equals.
@@ -253,7 +256,8 @@ impl<T: Real> Reference<T> {
             let (measurements, reach_m) = (&outcome.scan.measurements, T::of(config.ranging.max_range_m));
             let paths: Vec<T> =
                 outcome.expected.iter().map(|own| own.feature.existence * own.feature.detection).collect();
-            belief.anywhere_nat += anywhere_nat(&paths, measurements, &clutter, reach_m);
+            let evidence_nat = anywhere_nat(&paths, measurements, &clutter, reach_m);
+            belief.hear_anywhere(outcome.scan.anchor, outcome.scan.elapsed_s, evidence_nat);
             for (z, free) in outcome.scan.measurements.iter().zip(&outcome.beliefs.unassociated) {
                 if z.is_strong(STRONG) {
                     strong += T::ONE;
@@ -285,8 +289,9 @@ impl<T: Real> Reference<T> {
         let (searching, is_sure) = (belief.is_searching(), belief.is_sure() && !has_leapt);
 
         // Remember, and discover.
+        let out: Vec<bool> = (0..anchors.len()).map(|anchor| belief.is_out(anchor)).collect();
         let mut memories = Memories { environment, channel, clutter };
-        memories.remember(&told, (searching, is_sure), receiver, controllers, &outcomes);
+        memories.remember(&told, &out, (searching, is_sure), receiver, controllers, &outcomes);
         let mut changes = Changes::default();
         if is_sure {
             look_through(transmission, &told, walls, &Place::of(&posterior), &outcomes);
@@ -304,7 +309,7 @@ impl<T: Real> Reference<T> {
         let heard: Vec<_> = outcomes.iter().map(|outcome| &outcome.scan).collect();
         let cycle = self.cycle;
         let decision =
-            controllers.decide(cycle, earned, searching, &heard, &outlook, &visible, channel, library);
+            controllers.decide(cycle, earned, searching, &out, &heard, &outlook, &visible, channel, library);
 
         // While the tag is looked for, nothing is associated with certainty.
         let certain: &[Outcome<T>] = if searching { &[] } else { &outcomes };

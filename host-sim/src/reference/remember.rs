@@ -28,13 +28,14 @@ impl<T: Real> Memories<'_, T> {
     pub fn remember(
         &mut self,
         told: &Told<'_, T>,
+        out: &[bool],
         (is_searching, is_sure): (bool, bool),
         receiver: &mut Receiver<T>,
         controllers: &Controllers<T>,
         outcomes: &[Outcome<T>],
     ) {
         if !is_searching {
-            self.unmask(told, receiver, controllers, outcomes);
+            self.unmask(told, out, receiver, controllers, outcomes);
         }
         for outcome in outcomes {
             let scan = &outcome.scan;
@@ -58,12 +59,13 @@ impl<T: Real> Memories<'_, T> {
     fn unmask(
         &mut self,
         told: &Told<'_, T>,
+        out: &[bool],
         receiver: &mut Receiver<T>,
         controllers: &Controllers<T>,
         outcomes: &[Outcome<T>],
     ) {
         for Outcome { scan, .. } in outcomes {
-            if scan.frame.is_none() {
+            if scan.frame.is_none() || out[scan.anchor] {
                 continue;
             }
             let Some(excess_ln) = receiver.gain_control[scan.anchor].found() else { continue };

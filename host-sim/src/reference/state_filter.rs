@@ -42,7 +42,8 @@ pub struct Innovation<T> {
 /// The filter.
 #[derive(Clone, Debug)]
 pub struct StateFilter<T> {
-    anchors: usize,
+    /// Number of anchors.
+    pub anchors: usize,
     mean: Vec<T>,
     covariance: Matrix<T>,
     surfaces: Vec<Option<Surface<T>>>,

@@ -25,6 +25,7 @@ pub mod exact;
 pub mod factors;
 pub mod outcome;
 
+use super::belief::outage::weigh;
 use super::expectation::Expectation;
 use crate::model::measurement::Measurement;
 use crate::real::larger;
@@ -101,6 +102,8 @@ pub struct Beliefs<const SOURCES: usize, const PATHS: usize> {
     pub iterations: usize,
     /// ln of the sum over all joint associations, over that in which everything is clutter of the usual density.
     pub evidence_nat: f32,
+    /// Probability that the anchor is out: that all of it is clutter.
+    pub outage: f32,
 }
 
 impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
@@ -186,6 +189,27 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
     }
 }
 
+impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
+    /// Makes them those of an anchor that may be out with this probability: then everything is clutter, and nothing is told of
+    /// what exists. `existences` are those before the scan, of all features.
+    pub fn doubt(&mut self, outage: f32, existences: impl Iterator<Item = f32>, count: usize) {
+        let (evidence_nat, outage) = weigh(outage, self.evidence_nat);
+        (self.evidence_nat, self.outage) = (evidence_nat, outage);
+        let heard = 1.0 - outage;
+        let beliefs = core::iter::once(&mut self.direct).chain(&mut self.virtual_anchors);
+        for (belief, existence) in beliefs.zip(existences) {
+            belief.missed = 1.0 - heard * (1.0 - belief.missed);
+            belief.existence = existence + heard * (belief.existence - existence);
+            for associated in &mut belief.associated {
+                *associated *= heard;
+            }
+        }
+        for free in self.unassociated.iter_mut().take(count) {
+            *free = 1.0 - heard * (1.0 - *free);
+        }
+    }
+}
+
 /// Associates one anchor's `measurements` with its direct path and its virtual anchors, before this background.
 pub fn associate<const SOURCES: usize, const PATHS: usize>(
     direct: &Expectation,
@@ -214,6 +238,7 @@ fn associate_within<const SOURCES: usize, const PATHS: usize>(
         unassociated: [0.0; PATHS],
         iterations: 0,
         evidence_nat: background.evidence_nat(count),
+        outage: 0.0,
     };
     for _ in virtual_anchors {
         // Capacities are equal: every push succeeds.

@@ -76,6 +76,7 @@ pub fn associate_scan<'a, const SOURCES: usize, const PATHS: usize>(
     expected: Expectations<SOURCES>,
     claims: &[f32; PATHS],
     clutter: &Clutter,
+    outage: f32,
     mode: Mode,
 ) -> AssociatedScan<'a, SOURCES, PATHS> {
     let Expectations { direct_path, expectations, .. } = &expected;
@@ -84,6 +85,8 @@ pub fn associate_scan<'a, const SOURCES: usize, const PATHS: usize>(
     if mode == Mode::Map {
         beliefs.harden();
     }
+    let existences = core::iter::once(direct_path).chain(expectations).map(|own| own.existence);
+    beliefs.doubt(outage, existences, scan.measurements.len());
     AssociatedScan { scan, expected, beliefs }
 }
 

@@ -1,6 +1,7 @@
 //! One component of the belief: a joint state and its weight.
 
 use super::PLACE_M;
+use super::outage::Outages;
 use crate::model::motion::Agent;
 use crate::perceptor::state_filter::StateFilter;
 use crate::real::{larger, ln, sqrt};
@@ -36,20 +37,26 @@ pub struct Component<const ANCHORS: usize, const SURFACES: usize> {
     pub weight_nat: f32,
     /// Cycles heard since it was proposed; the largest number once it is established.
     pub age: u16,
+    /// What is heard of the anchors.
+    pub outages: Outages<ANCHORS>,
     /// What stands in its way.
     pub hindrance: Hindrance,
 }
 
 impl<const ANCHORS: usize, const SURFACES: usize> Component<ANCHORS, SURFACES> {
     /// The first one.
-    pub fn established(filter: StateFilter<ANCHORS, SURFACES>) -> Self {
-        Self { age: u16::MAX, ..Self::newcomer(filter, 0.0) }
+    pub fn established(filter: StateFilter<ANCHORS, SURFACES>, outages: Outages<ANCHORS>) -> Self {
+        Self { age: u16::MAX, ..Self::newcomer(filter, 0.0, outages) }
     }
 
     /// One that was just proposed.
-    pub fn newcomer(filter: StateFilter<ANCHORS, SURFACES>, weight_nat: f32) -> Self {
+    pub fn newcomer(
+        filter: StateFilter<ANCHORS, SURFACES>,
+        weight_nat: f32,
+        outages: Outages<ANCHORS>,
+    ) -> Self {
         let from_m = filter.position_m();
-        Self { filter, weight_nat, age: 0, hindrance: Hindrance { from_m, nat: 0.0 } }
+        Self { filter, weight_nat, age: 0, outages, hindrance: Hindrance { from_m, nat: 0.0 } }
     }
 
     /// The axis (a unit vector) along which its position varies most, where it does by more than this variance.
@@ -108,6 +115,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> Component<ANCHORS, SURFACES> {
         self.filter.visit(&mut f);
         f(self.weight_nat);
         f(f32::from(self.age));
+        self.outages.visit(&mut f);
         self.hindrance.from_m.into_iter().for_each(&mut f);
         f(self.hindrance.nat);
     }

@@ -15,11 +15,13 @@
 
 pub mod anywhere;
 pub mod component;
+pub mod outage;
 pub mod proposal;
 pub mod reduction;
 pub mod summary;
 
 use self::component::Component;
+use self::outage::Outages;
 use self::proposal::Proposal;
 use self::reduction::PROTECTED;
 use self::summary::{Summary, moments};
@@ -46,6 +48,10 @@ pub struct BeliefSettings {
     /// Evidence by which a component may be behind the best before it is dropped, nats (1 to 100). Less: fewer components. More:
     /// unlikely places are kept for longer.
     pub dropped_nat: f32,
+    /// Outages of an anchor per second (0 to 10). More keeps the place where an anchor is not heard, and believes anchors less.
+    pub outages_per_s: f32,
+    /// How soon an outage ends, per second (1e-3 to 100). More believes an anchor sooner.
+    pub returns_per_s: f32,
     /// Probability of the leading place from which on memories and map are judged from it (0.5 to 0.9999). Less: a map learnt at
     /// wrong places. More: one that is not learnt.
     pub sure_probability: f32,
@@ -58,6 +64,8 @@ impl Default for BeliefSettings {
             elsewhere_per_s: 1e-4,
             split_above_m: 0.2,
             dropped_nat: 25.0,
+            outages_per_s: 0.2,
+            returns_per_s: 5.0,
             sure_probability: 0.9,
         }
     }
@@ -65,6 +73,8 @@ impl Default for BeliefSettings {
 
 /// Mathematics: more probable than not: below this probability of the leading place the tag is searched for.
 pub const KNOWN: f32 = 0.5;
+/// Mathematics: more probable than not: probability of an outage above which an anchor is out.
+pub const OUT: f32 = 0.5;
 /// Guard: against weights that are no numbers: least weight of anywhere, nats.
 pub const LEAST_NAT: f32 = -80.0;
 /// Tuned: places nearer to each other than this are one, metres.
@@ -97,6 +107,8 @@ pub struct TagBelief<const ANCHORS: usize, const SURFACES: usize, const COMPONEN
     region: Region,
     /// ln of the weight of that.
     anywhere_nat: f32,
+    /// What is heard of the anchors by a tag there.
+    outages: Outages<ANCHORS>,
     /// Smoothed share of the strong paths that the leader explains.
     explained: f32,
     /// Whether it was doubtful where the tag is when it was last heard.
@@ -120,7 +132,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let summary = Summary::of_one(&filter.agent());
         let mut components = Vec::new();
         // Capacity is above 0: the push succeeds.
-        let _ = components.push(Component::established(filter.clone()));
+        let outages = Outages::usual(&settings);
+        let _ = components.push(Component::established(filter.clone(), outages));
         Self {
             settings,
             speed_m2_s2: speed_m_s * speed_m_s,
@@ -130,6 +143,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             summary,
             region,
             anywhere_nat: LEAST_NAT,
+            outages,
             explained: 1.0,
             is_doubtful: summary.probability < SETTLED,
             heard: 0,
@@ -169,9 +183,22 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.region = region;
     }
 
-    /// Enters how well a scan is explained by a tag that is anywhere, nats.
-    pub fn hear_anywhere(&mut self, evidence_nat: f32) {
+    /// Enters how well an anchor's scan is explained by a tag that is anywhere, nats, `elapsed_s` seconds after the last.
+    pub fn hear_anywhere(&mut self, anchor: usize, elapsed_s: f32, evidence_nat: f32) {
+        let outage = self.outages.predict(anchor, elapsed_s, &self.settings);
+        let (evidence_nat, outage) = outage::weigh(outage, evidence_nat);
         self.anywhere_nat += evidence_nat;
+        self.outages.set(anchor, outage);
+    }
+
+    /// Whether an anchor is more probably out than heard.
+    pub fn is_out(&self, anchor: usize) -> bool {
+        self.components.get(self.leader).is_some_and(|leader| leader.outages.of(anchor) > OUT)
+    }
+
+    /// What is assumed.
+    pub fn settings(&self) -> &BeliefSettings {
+        &self.settings
     }
 
     /// Whether it is not known where the tag is.
@@ -300,7 +327,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let share = core::f32::consts::TAU * sqrt(along * across) / self.region.area_m2;
         let weight_nat = self.anywhere_nat + ln(smaller(share, 1.0));
         // Where there is no room, it is left out.
-        let _ = self.components.push(Component::newcomer(filter, weight_nat));
+        let _ = self.components.push(Component::newcomer(filter, weight_nat, self.outages));
     }
 
     /// The components, to be compared and updated.
@@ -419,6 +446,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.trusted.visit(&mut f);
         self.summary.visit(&mut f);
         f(self.anywhere_nat);
+        self.outages.visit(&mut f);
         f(self.explained);
         f(f32::from(u8::from(self.is_doubtful)));
         f(self.heard as f32);

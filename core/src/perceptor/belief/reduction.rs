@@ -71,7 +71,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.components.retain(|_| flags.next().copied().unwrap_or(false));
         if self.components.is_empty() {
             // No weight was a number. There is room: the push succeeds.
-            let _ = self.components.push(Component::established(self.trusted.clone()));
+            let _ = self.components.push(Component::established(self.trusted.clone(), self.outages));
         }
         self.leader = self.order().first().copied().unwrap_or(0);
     }
@@ -119,6 +119,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let share = other / (own + other);
         if share > LEAST_SHARE {
             into.filter.merge(&from.filter, share);
+            into.outages.merge(&from.outages, share);
         }
         into.weight_nat = heavier + ln(own + other);
         into.age = into.age.max(from.age);

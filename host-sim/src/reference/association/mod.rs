@@ -26,6 +26,7 @@ pub mod exact;
 pub mod outcome;
 
 use super::Matrix;
+use super::outage::weigh;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square, tau};
 use cogmint_core::model::detection::{LEAST_FALSE_ALARM, LOGISTIC};
 pub use cogmint_core::perceptor::association::Joint;
@@ -101,6 +102,8 @@ pub struct Beliefs<T> {
     pub iterations: usize,
     /// ln of the sum over all joint associations, over that in which everything is clutter of the usual density.
     pub evidence_nat: T,
+    /// Probability that all of it is clutter, because the anchor is out.
+    pub outage: T,
 }
 
 /// Probability that a path is detected: that its `sinr` passes `threshold`, both on normalised energy.
@@ -287,7 +290,25 @@ pub fn associate<T: Real>(
         }
         unassociated.push(larger(free, T::ZERO) / (T::ONE + sum));
     }
-    Beliefs { features: beliefs, unassociated, iterations, evidence_nat }
+    Beliefs { features: beliefs, unassociated, iterations, evidence_nat, outage: T::ZERO }
+}
+
+impl<T: Real> Beliefs<T> {
+    /// Beliefs of an anchor that is out with this probability. An outage tells nothing of what there is.
+    pub fn doubt(&mut self, outage: T, features: &[Expectation<T>]) {
+        (self.evidence_nat, self.outage) = weigh(outage, self.evidence_nat);
+        let heard = T::ONE - self.outage;
+        for (belief, feature) in self.features.iter_mut().zip(features) {
+            belief.missed = T::ONE - heard * (T::ONE - belief.missed);
+            belief.existence = feature.existence + heard * (belief.existence - feature.existence);
+            for p in &mut belief.associated {
+                *p *= heard;
+            }
+        }
+        for free in &mut self.unassociated {
+            *free = T::ONE - heard * (T::ONE - *free);
+        }
+    }
 }
 
 /// The features of each cluster: those joined by measurements that two of them can take.

@@ -32,6 +32,7 @@ pub fn associate_scan<T: Real>(
     expected: Vec<Expected<T>>,
     claims: Claims<T>,
     clutter: &Clutter<T>,
+    outage: T,
     mode: Mode,
 ) -> Outcome<T> {
     let features: Vec<_> = expected.iter().map(|expected| expected.feature).collect();
@@ -39,6 +40,7 @@ pub fn associate_scan<T: Real>(
     if mode == Mode::Map {
         beliefs.harden();
     }
+    beliefs.doubt(outage, &features);
     Outcome { scan, expected, claims, beliefs }
 }
 
