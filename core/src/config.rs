@@ -205,7 +205,6 @@ impl Config {
             outages_per_s,
             returns_per_s,
             split_above_m,
-            dropped_nat,
             sure_probability,
         } = *belief;
         within(turns_per_s, 0.0, 10.0, Setting::Turns)?;
@@ -213,7 +212,6 @@ impl Config {
         within(outages_per_s, 0.0, 10.0, Setting::Outages)?;
         within(returns_per_s, 1e-3, 100.0, Setting::Outages)?;
         within(split_above_m, 0.01, 100.0, Setting::SplitAbove)?;
-        within(dropped_nat, 1.0, 100.0, Setting::Dropped)?;
         within(sure_probability, 0.5, 0.9999, Setting::SureProbability)?;
         let ChannelMemorySettings {
             forgetting_per_s,

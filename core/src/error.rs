@@ -173,7 +173,6 @@ pub enum Setting {
     Elsewhere,
     Outages,
     SplitAbove,
-    Dropped,
     SureProbability,
     ChannelMemory,
     DiscoveryBegin,

@@ -197,13 +197,14 @@ fn a_table_has_a_row_a_cycle_and_the_error_that_is_printed() {
         let action = row.frames.iter().min_by_key(|frame| frame.anchor).map(|frame| frame.action as f64);
         assert_eq!(numbers("action")[cycle], action, "cycle {cycle}");
         let is_searching = all("searching")[cycle] == 1.0;
+        let probability = all("probability")[cycle];
+        assert!((0.0..1.001).contains(&probability) && (probability < 0.5) == is_searching, "{probability}");
         assert_eq!(numbers("vx_m_s")[cycle].is_none(), is_searching, "cycle {cycle}");
         // Entropy of a Gaussian in two dimensions: ln (2 pi e sqrt |C|).
         let (xx, xy, yy) = (all("cxx_m2")[cycle], all("cxy_m2")[cycle], all("cyy_m2")[cycle]);
         let entropy = (std::f64::consts::TAU * std::f64::consts::E * (xx * yy - xy * xy).sqrt()).ln();
         assert!((all("entropy_nat")[cycle] - entropy).abs() < 1e-2, "{entropy} in cycle {cycle}");
     }
-    assert!(numbers("probability").iter().all(Option::is_none));
 
     let printed = text(&track(&["--no-figure", "--table", "track.NPZ"]).stdout);
     assert!(printed.contains("Table: track.NPZ") && !printed.contains("Figure"), "{printed}");

@@ -1224,7 +1224,10 @@ mod tests {
 
     #[test]
     fn the_parts_of_a_split_component_have_its_mean_and_covariance() {
+        use crate::perceptor::belief::BeliefSettings;
         use crate::perceptor::belief::component::Component;
+        use crate::perceptor::belief::outage::Outages;
+        let outages = Outages::usual(&BeliefSettings::default());
         for swap in [false, true] {
             let mut whole = walls_and_images();
             if swap {
@@ -1243,7 +1246,7 @@ mod tests {
             let angle = 0.5 * (2.0 * c.m21).atan2(c.m11 - c.m22);
             let axis = Vector2::new(angle.cos(), angle.sin());
             let widest = (axis.transpose() * c * axis)[0];
-            let mut middle = Component::newcomer(whole.clone(), -1.0);
+            let mut middle = Component::newcomer(whole.clone(), -1.0, outages);
             assert!(middle.axis_above(widest as f32 * 1.001).is_none());
             let along = middle.axis_above(widest as f32 * 0.999).unwrap();
             let mut sides = [middle.clone(), middle.clone()];

@@ -19,8 +19,8 @@ use cogmint_core::perceptor::belief::component::{
 use cogmint_core::perceptor::belief::reduction::{LEAST_SHARE, PROTECTED};
 use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LEAST_MOMENT_M2, LIGHTEST_NAT, WITHIN_M};
 use cogmint_core::perceptor::belief::{
-    BeliefSettings, CHILDREN_NAT, COUNTS_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, LEAST_NAT, OUT,
-    PLACE_M, SETTLED,
+    BeliefSettings, CHILDREN_NAT, COUNTS_NAT, DROPPED_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, LEAST_NAT,
+    OUT, PLACE_M, SETTLED,
 };
 use std::fmt;
 
@@ -280,7 +280,7 @@ impl<T: Real> Belief<T> {
             let is_new = own.age < PROTECTED;
             let behind = best - own.weight_nat;
             let is_number = behind.to_f64() >= 0.0;
-            if !is_number || (!is_new && behind > T::of(self.settings.dropped_nat)) {
+            if !is_number || (!is_new && behind > T::of(DROPPED_NAT)) {
                 continue;
             }
             let components = &self.components;

@@ -23,6 +23,8 @@ pub struct Background<const PATHS: usize> {
     usual_per_m: f32,
     /// lambda_m: per metre, by measurement.
     per_m: [f32; PATHS],
+    /// Share of that which false alarms are, by measurement.
+    false_alarms: [f32; PATHS],
 }
 
 impl<const PATHS: usize> Background<PATHS> {
@@ -35,21 +37,27 @@ impl<const PATHS: usize> Background<PATHS> {
         claims: &[f32; PATHS],
     ) -> Self {
         let Clutter { all_per_m, false_alarms_per_m } = *clutter;
-        let mut per_m = [all_per_m; PATHS];
-        for ((density, measurement), claim) in per_m.iter_mut().zip(measurements).zip(claims) {
+        let (mut per_m, mut false_alarms) = ([all_per_m; PATHS], [1.0; PATHS]);
+        let densities = per_m.iter_mut().zip(&mut false_alarms);
+        for (((density, share), measurement), claim) in densities.zip(measurements).zip(claims) {
             let deviation = sqrt(direct.variance_m2 + measurement.variance_m2);
             let earlier = LOGISTIC * ((direct.range_m - measurement.range_m) / deviation);
             let later = 1.0 / (1.0 + exp(limited(earlier, -LARGEST_EXPONENT, LARGEST_EXPONENT)));
-            *density = false_alarms_per_m * measurement.false_alarm
-                + (all_per_m - false_alarms_per_m) * later
-                + all_per_m * (claim - 1.0);
+            let false_per_m = false_alarms_per_m * measurement.false_alarm;
+            *density = false_per_m + (all_per_m - false_alarms_per_m) * later + all_per_m * (claim - 1.0);
+            *share = false_per_m / *density;
         }
-        Self { usual_per_m: all_per_m, per_m }
+        Self { usual_per_m: all_per_m, per_m, false_alarms }
     }
 
     /// The density at each measurement, per metre.
     pub fn per_m(&self) -> &[f32; PATHS] {
         &self.per_m
+    }
+
+    /// Probability that each measurement is a false alarm, where it belongs to no known feature.
+    pub fn false_alarms(&self) -> &[f32; PATHS] {
+        &self.false_alarms
     }
 
     /// Evidence of so many measurements, nats, were none of a known feature: over that of the usual density.

@@ -110,6 +110,22 @@ impl<const PATHS: usize> Row<PATHS> {
             }
         }
     }
+
+    /// Where the direct path is a measurement, all that are clearly shorter (by two deviations) are false alarms.
+    fn discount_later_arrivals(
+        &mut self,
+        measurements: &Vec<Measurement, PATHS>,
+        background: &Background<PATHS>,
+    ) {
+        for (factor, measurement) in self.psi.iter_mut().zip(measurements) {
+            let clearly_shorter = measurement.range_m - 2.0 * sqrt(measurement.variance_m2);
+            for (other, false_alarm) in measurements.iter().zip(background.false_alarms()) {
+                if other.range_m < clearly_shorter {
+                    *factor *= false_alarm;
+                }
+            }
+        }
+    }
 }
 
 /// The indices of the ones in `set`, upwards.
@@ -148,6 +164,7 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         background: &Background<PATHS>,
     ) {
         self.direct = Row::new(direct, measurements, background);
+        self.direct.discount_later_arrivals(measurements, background);
         for expectation in virtual_anchors {
             let mut row = Row::new(expectation, measurements, background);
             row.rule_out_earlier_arrivals(measurements, direct);

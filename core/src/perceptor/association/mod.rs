@@ -13,7 +13,7 @@
 //! three features by three measurements and nearly all that occur; the others go through loopy belief propagation.
 //!
 //! The direct path is the shortest: measurements below it can only be false alarms, not paths of virtual anchors, mapped or
-//! not ([`background`]); and no virtual anchor gets one that is clearly shorter than the direct path is expected to be, because
+//! not ([`background`]): those below where it is expected, and, were it measurement m, those clearly below m. No virtual anchor gets one that is clearly shorter than the direct path is expected to be, because
 //! a map that is wrong would then explain away that the tag is elsewhere.
 //!
 //! The sum over all joint associations is the evidence of the scan for the place that it was compared at, of loopy clusters by
@@ -23,9 +23,9 @@ pub mod background;
 pub mod belief_propagation;
 pub mod exact;
 pub mod factors;
+pub mod outage;
 pub mod outcome;
 
-use super::belief::outage::weigh;
 use super::expectation::Expectation;
 use crate::model::measurement::Measurement;
 use crate::real::larger;
@@ -33,6 +33,7 @@ use background::Background;
 use exact::{STATES, Trellis};
 use factors::{Rows, Stage, members};
 use heapless::Vec;
+use outage::weigh;
 
 /// Which association the state filter gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -338,11 +339,12 @@ mod tests {
     }
 
     impl Enumeration {
-        /// Where clutter has this density at a measurement.
+        /// Where the background has this density at a measurement, and false alarms of the usual strength that one.
         fn new(
             features: &[Expectation],
             measurements: &[Measurement],
             density: impl Fn(&Measurement) -> f64 + Copy,
+            false_per_m: f64,
         ) -> Self {
             let columns = measurements.len();
             let direct = &features[0];
@@ -358,7 +360,14 @@ mod tests {
                     let nis = (f64::from(z.range_m) - f64::from(feature.range_m)).powi(2) / variance;
                     let density_at = (-0.5 * nis).exp() / (core::f64::consts::TAU * variance).sqrt();
                     let possible = nis < 16.0 && (k == 0 || !earlier(z));
-                    if possible { existence * detection * density_at / density(z) } else { 0.0 }
+                    // Were it the direct path, all that are clearly shorter would be false alarms.
+                    let clearly_m = f64::from(z.range_m) - 2.0 * f64::from(z.variance_m2).sqrt();
+                    let shorter =
+                        measurements.iter().filter(|other| k == 0 && f64::from(other.range_m) < clearly_m);
+                    let share =
+                        |other: &Measurement| false_per_m * f64::from(other.false_alarm) / density(other);
+                    let first: f64 = shorter.map(share).product();
+                    if possible { first * existence * detection * density_at / density(z) } else { 0.0 }
                 });
                 core::iter::once(missed).chain(taken).collect()
             });
@@ -406,6 +415,42 @@ mod tests {
                     self.descend(rows, choices, weight * factor, total, most);
                     choices.pop();
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn an_anchor_that_may_be_out_is_one_hypothesis_more() {
+        let features = [expectation(2.0, 0.1), Expectation { existence: 0.6, ..expectation(2.5, 0.2) }];
+        let measurements: Vec<Measurement, 3> =
+            [measurement(2.1, 0.1), measurement(2.4, 0.1), measurement(7.0, 0.1)].into_iter().collect();
+        let others: Vec<Expectation, 2> = features[1..].iter().copied().collect();
+        let background = uniform_background(&features[0], &measurements, 0.1);
+        let heard = Enumeration::new(&features, &measurements, |_| f64::from(0.1_f32), f64::from(0.1_f32));
+        let existence = {
+            let beliefs = associate(&features[0], &others, &measurements, &background);
+            beliefs.features().map(|belief| f64::from(belief.existence)).collect::<std::vec::Vec<_>>()
+        };
+        for outage in [0.0_f32, 0.3, 0.999, 1.0] {
+            let mut beliefs = associate(&features[0], &others, &measurements, &background);
+            beliefs.doubt(outage, features.iter().map(|feature| feature.existence), 3);
+            // Weights of the two.
+            let p = f64::from(outage);
+            let all = (1.0 - p) * heard.evidence_nat.exp() + p;
+            let out = p / all;
+            assert!((f64::from(beliefs.evidence_nat) - all.ln()).abs() < 1e-5, "{outage}");
+            assert!((f64::from(beliefs.outage) - out).abs() < 1e-6, "{outage}");
+            for (k, (belief, marginals)) in beliefs.features().zip(&heard.marginals).enumerate() {
+                let found = core::iter::once(&belief.missed).chain(&belief.associated);
+                for (b, (found, marginal)) in found.zip(marginals).enumerate() {
+                    let exact = (1.0 - out) * marginal + if b == 0 { out } else { 0.0 };
+                    assert!((f64::from(*found) - exact).abs() < 1e-5, "{outage} {k} {b}");
+                }
+                let exact = (1.0 - out) * existence[k] + out * f64::from(features[k].existence);
+                assert!((f64::from(belief.existence) - exact).abs() < 1e-5, "{outage} {k}");
+            }
+            for (found, exact) in beliefs.unassociated.iter().zip(&heard.unassociated) {
+                assert!((f64::from(*found) - (out + (1.0 - out) * exact)).abs() < 1e-5, "{outage}");
             }
         }
     }
@@ -459,7 +504,12 @@ mod tests {
             let others: Vec<Expectation, K> = others.iter().copied().collect();
             let background = uniform_background(direct, &measurements, density as f32);
             let beliefs = associate_within(direct, &others, &measurements, &background, limit);
-            let truth = Enumeration::new(&features, &measurements, |_| f64::from(density as f32));
+            let truth = Enumeration::new(
+                &features,
+                &measurements,
+                |_| f64::from(density as f32),
+                f64::from(density as f32),
+            );
             let (first, rest) = beliefs.most_probable();
             let choices: std::vec::Vec<_> = core::iter::once(first).chain(rest.iter().copied()).collect();
             best += usize::from(choices == truth.best);
@@ -567,7 +617,8 @@ mod tests {
                 density(z, claims[index], direct, intensities)
             };
             let alone: f64 = measurements.iter().map(|z| (per_m(z) / intensities[0]).ln()).sum();
-            let exact = Enumeration::new(&features, &measurements, per_m).evidence_nat + alone;
+            let exact =
+                Enumeration::new(&features, &measurements, per_m, intensities[1]).evidence_nat + alone;
             worst = worst.max((f64::from(beliefs.evidence_nat) - exact).abs());
             (least, most) = (least.min(exact), most.max(exact));
         }

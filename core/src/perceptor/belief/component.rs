@@ -147,6 +147,7 @@ fn squared_deviations([dx, dy]: [f32; 2], [xx, yx, yy]: [f32; 3], least: f32) ->
 
 #[cfg(test)]
 pub(in crate::perceptor::belief) mod tests {
+    use super::super::BeliefSettings;
     use super::*;
     use crate::config::Config;
     use std::cell::Cell;
@@ -154,7 +155,8 @@ pub(in crate::perceptor::belief) mod tests {
     /// A component that was established, of a tag that stands here.
     pub fn component(position_m: [f32; 2], std_m: f32, weight_nat: f32) -> Component<2, 1> {
         let filter = StateFilter::new(Config::default().motion, position_m, std_m, 0.3, 0.0, 0.0);
-        Component { weight_nat, ..Component::established(filter) }
+        let outages = Outages::usual(&BeliefSettings::default());
+        Component { weight_nat, ..Component::established(filter, outages) }
     }
 
     /// A component that is walked about, beside a wall along x = 1 and inside an outline that ends at y = 5.

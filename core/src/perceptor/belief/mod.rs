@@ -28,6 +28,7 @@ use self::summary::{Summary, moments};
 use crate::model::clock::probability;
 use crate::model::motion::Agent;
 use crate::model::region::Region;
+use crate::perceptor::association::outage::weigh;
 use crate::perceptor::state_filter::StateFilter;
 use crate::real::{exp, larger, ln, smaller, sqrt};
 use heapless::Vec;
@@ -45,9 +46,6 @@ pub struct BeliefSettings {
     /// Standard deviation of a position along its longest axis above which a component is split, metres (0.01 to 100). Less: more
     /// components for the same accuracy. More: updates far from a range's line.
     pub split_above_m: f32,
-    /// Evidence by which a component may be behind the best before it is dropped, nats (1 to 100). Less: fewer components. More:
-    /// unlikely places are kept for longer.
-    pub dropped_nat: f32,
     /// Outages of an anchor per second (0 to 10). More keeps the place where an anchor is not heard, and believes anchors less.
     pub outages_per_s: f32,
     /// How soon an outage ends, per second (1e-3 to 100). More believes an anchor sooner.
@@ -63,7 +61,6 @@ impl Default for BeliefSettings {
             turns_per_s: 0.2,
             elsewhere_per_s: 1e-4,
             split_above_m: 0.2,
-            dropped_nat: 25.0,
             outages_per_s: 0.2,
             returns_per_s: 5.0,
             sure_probability: 0.9,
@@ -88,6 +85,8 @@ pub const EXPLAINED_GAIN: f32 = 0.1;
 /// Tuned: evidence by which a component may be behind the best and still count, nats: it is established, it is split where it is
 /// wide, and where there is no room for it it joins another one, so that the spread stays honest.
 pub const COUNTS_NAT: f32 = 6.0;
+/// Guard: against work on what does not count any more: components that are further behind the best are dropped, nats.
+pub const DROPPED_NAT: f32 = 25.0;
 /// Guard: against work on what hardly counts: children of components that are further behind the best are not made, nats.
 pub const CHILDREN_NAT: f32 = 12.0;
 
@@ -186,7 +185,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     /// Enters how well an anchor's scan is explained by a tag that is anywhere, nats, `elapsed_s` seconds after the last.
     pub fn hear_anywhere(&mut self, anchor: usize, elapsed_s: f32, evidence_nat: f32) {
         let outage = self.outages.predict(anchor, elapsed_s, &self.settings);
-        let (evidence_nat, outage) = outage::weigh(outage, evidence_nat);
+        let (evidence_nat, outage) = weigh(outage, evidence_nat);
         self.anywhere_nat += evidence_nat;
         self.outages.set(anchor, outage);
     }
@@ -496,12 +495,14 @@ mod tests {
     /// A belief that hears ranges of some of the anchors, and nothing else.
     struct Listener<const COMPONENTS: usize> {
         belief: TagBelief<3, 2, COMPONENTS>,
+        /// An anchor of which nothing but clutter is heard.
+        out: Option<usize>,
         state: u64,
     }
 
     impl<const COMPONENTS: usize> Listener<COMPONENTS> {
         fn new(filter: StateFilter<3, 2>, settings: BeliefSettings, seed: u64) -> Self {
-            Self { belief: TagBelief::new(filter, SPEED_M_S, REGION, settings), state: seed }
+            Self { belief: TagBelief::new(filter, SPEED_M_S, REGION, settings), out: None, state: seed }
         }
 
         fn uniform(&mut self) -> f32 {
@@ -526,7 +527,7 @@ mod tests {
                 energy: 1.0,
                 false_alarm: 0.1,
             };
-            if self.uniform() < DETECTION {
+            if self.uniform() < DETECTION && self.out != Some(anchor) {
                 let noisy = (x - ax).hypot(y - ay) + STD_M * self.normal();
                 scan.measurements.push(range(noisy)).unwrap();
             }
@@ -562,6 +563,7 @@ mod tests {
                 }
             }
             let (mut strong, mut explained) = (0.0, 0.0);
+            let settings = *belief.settings();
             for scan in &scans {
                 let anchor = scan.anchor;
                 let sight = Sight { anchor_m: ANCHORS[anchor], height_m: 0.0, height_std_m: 0.0 };
@@ -580,7 +582,9 @@ mod tests {
                     let detection =
                         Detection { probability: DETECTION, found: DETECTION, sighting: Sighting::Open };
                     let expected = Expectations::<1>::new(&prospect, &detection);
-                    let outcome = associate_scan(scan, expected, &[1.0; 4], &CLUTTER, Mode::Soft);
+                    let outage = component.outages.predict(anchor, CYCLE_S, &settings);
+                    let outcome = associate_scan(scan, expected, &[1.0; 4], &CLUTTER, outage, Mode::Soft);
+                    component.outages.set(anchor, outcome.beliefs.outage);
                     component.weight_nat += outcome.beliefs.evidence_nat;
                     component.filter.update(outcome.innovations());
                     if best.is_none_or(|(most, _)| component.weight_nat > most) {
@@ -589,7 +593,8 @@ mod tests {
                 }
                 belief.reduce();
                 let detections = core::iter::once(DETECTION);
-                belief.hear_anywhere(evidence_nat(detections, &scan.measurements, &CLUTTER, 30.0));
+                let anywhere_nat = evidence_nat(detections, &scan.measurements, &CLUTTER, 30.0);
+                belief.hear_anywhere(anchor, CYCLE_S, anywhere_nat);
                 strong += scan.measurements.len() as f32;
                 explained += scan.measurements.len() as f32 - best.unwrap().1;
             }
@@ -730,6 +735,34 @@ mod tests {
         assert!(share(lies) < 0.02 && share(doubtful) > 0.8, "{} {}", share(lies), share(doubtful));
     }
 
+    #[test]
+    fn an_anchor_that_is_out_costs_no_more_than_its_ranges_and_is_believed_again() {
+        let (mut told_out, mut told_heard, mut worst) = (0, 0, 0.0_f32);
+        let truth_m = [4.0, 3.0];
+        for seed in 0..20 {
+            let mut listener = Listener::<8>::new(filter(truth_m, 0.3), BeliefSettings::default(), seed);
+            (0..20).for_each(|_| _ = listener.hear(3, truth_m));
+            listener.out = Some(1);
+            for cycle in 0..50 {
+                let error = listener.hear(3, truth_m);
+                worst = worst.max(error);
+                told_out += u32::from(cycle >= 5 && listener.belief.is_out(1));
+                told_heard += u32::from(cycle >= 5 && !listener.belief.is_out(0));
+            }
+            listener.out = None;
+            (0..5).for_each(|_| _ = listener.hear(3, truth_m));
+            let is_heard = (0..5).any(|_| {
+                listener.hear(3, truth_m);
+                !listener.belief.is_out(1)
+            });
+            assert!(is_heard && listener.belief.is_sure(), "{seed}");
+        }
+        std::println!(
+            "out: said in {told_out} of 900 cycles, others not in {told_heard}; {worst:.3} m at most"
+        );
+        assert!(told_out > 750 && told_heard > 750 && worst < 0.4, "{told_out} {told_heard} {worst}");
+    }
+
     fn last_error<const COMPONENTS: usize>() -> f32 {
         let mut listener = Listener::<COMPONENTS>::new(filter([4.3, 3.0], 0.3), BeliefSettings::default(), 3);
         (0..40).fold(0.0, |_, cycle| listener.hear(3, [4.0 + 0.05 * cycle as f32, 3.0]))
@@ -791,7 +824,7 @@ mod tests {
             let mut belief =
                 TagBelief::<3, 2, 16>::new(walking(0.0), SPEED_M_S, REGION, BeliefSettings::default());
             for x in [200.0, 200.1, 400.0] {
-                belief.components.push(Component::newcomer(walking(x), -8.0)).unwrap();
+                belief.components.push(Component::newcomer(walking(x), -8.0, belief.outages)).unwrap();
             }
             belief.predict(gap_s, Some(gap_s));
             belief.conclude(|_, _, _| 1.0, |_, _| 1.0);

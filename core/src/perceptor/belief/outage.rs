@@ -1,15 +1,11 @@
 //! Outage: that what is heard of an anchor has nothing to do with the tag.
 //!
 //! An anchor that is switched off, jammed or behind a door gives frames of clutter. Every hypothesis of where the tag is has one of
-//! its own for each anchor: with the probability of an outage the misses cost nothing and the measurements move nothing. Of the
-//! likelihood ratio L of a scan to clutter,
-//!
-//! den = (1 - p) L + p, p <- p / den,
-//!
-//! and den is the evidence. Outages begin and end by chance, at rates per second.
+//! its own for each anchor, a chain of two states: outages begin and end by chance, at rates per second, and every scan tells of
+//! them ([`crate::perceptor::association::outage`]).
 
 use super::BeliefSettings;
-use crate::real::{exp, larger, ln};
+use crate::real::exp;
 
 /// Probability of an outage, by anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,10 +55,29 @@ fn usual(settings: &BeliefSettings) -> f32 {
     settings.outages_per_s / (settings.outages_per_s + settings.returns_per_s)
 }
 
-/// What is left of the evidence of a scan (nats) where there may be an outage, and the probability of it afterwards.
-pub fn weigh(outage: f32, evidence_nat: f32) -> (f32, f32) {
-    // Relative to the more probable of both.
-    let most = larger(evidence_nat, 0.0);
-    let (heard, out) = ((1.0 - outage) * exp(evidence_nat - most), outage * exp(-most));
-    (most + ln(larger(heard + out, f32::MIN_POSITIVE)), out / larger(heard + out, f32::MIN_POSITIVE))
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outages_begin_and_end_by_chance() {
+        let settings = BeliefSettings { outages_per_s: 0.4, returns_per_s: 3.0, ..BeliefSettings::default() };
+        for begin in [0.0_f32, 0.3, 1.0] {
+            let mut outages = Outages::<2>::usual(&settings);
+            outages.set(1, begin);
+            // The two rates, in small steps.
+            let mut exact = f64::from(begin);
+            for _ in 0..250_000 {
+                exact += 1e-6 * (0.4 * (1.0 - exact) - 3.0 * exact);
+            }
+            // At once, and in steps.
+            let mut stepped = outages;
+            assert!((f64::from(outages.predict(1, 0.25, &settings)) - exact).abs() < 1e-5);
+            (0..5).for_each(|_| _ = stepped.predict(1, 0.05, &settings));
+            assert!((f64::from(stepped.of(1)) - exact).abs() < 1e-5);
+            // The other anchor has its own, which stay as usual.
+            assert!((outages.predict(0, 7.0, &settings) - 0.4 / 3.4).abs() < 1e-6);
+            assert_eq!((outages.predict(2, 1.0, &settings), outages.of(2)), (0.0, 0.0));
+        }
+    }
 }

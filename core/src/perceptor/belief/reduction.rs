@@ -1,7 +1,7 @@
 //! Reduction: components that have become one are merged, and the lightest give way.
 
 use super::component::{Component, apart, is_one};
-use super::{COUNTS_NAT, TagBelief};
+use super::{COUNTS_NAT, DROPPED_NAT, TagBelief};
 use crate::real::{exp, larger, ln};
 use heapless::Vec;
 
@@ -83,7 +83,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let agent = own.filter.agent();
         let behind = best - own.weight_nat;
         // Written so that NaN is dropped.
-        if !is_new && !(behind <= self.settings.dropped_nat) || behind.is_nan() {
+        if !is_new && !(behind <= DROPPED_NAT) || behind.is_nan() {
             return Fate::Dropped;
         }
         let others = || kept.iter().filter_map(|&other| Some((other, self.components.get(other)?)));
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn the_far_behind_is_dropped_unless_it_is_new() {
-        let far = -BeliefSettings::default().dropped_nat;
+        let far = -DROPPED_NAT;
         let mut belief = belief::<8>(&[
             component([0.0, 0.0], 0.1, 0.0),
             component([1.0, 0.0], 0.1, far + 0.1),
@@ -329,7 +329,6 @@ mod tests {
         let parts: std::vec::Vec<_> = (0..6).map(|n| component([n as f32, 0.0], 0.01, -1.0)).collect();
         let mut belief = belief::<6>(&parts);
         assert_eq!(belief.order().as_slice(), [0, 1, 2, 3, 4, 5]);
-        belief.settings.dropped_nat = 1.0;
         belief.reduce();
         let kept: std::vec::Vec<_> = places(&belief).iter().map(|(x, _)| *x).collect();
         // Three are kept; the others join the nearest of them, the third.

@@ -154,6 +154,7 @@ pub fn associate<T: Real>(
         let pairs = measurements.iter().zip(&per_m);
         psi.push(pairs.map(|(measurement, per_m)| likelihood(feature, measurement, *per_m)).collect());
     }
+    discount_later_arrivals(&mut psi[0], measurements, clutter, &per_m);
     // Nothing is reflected ahead of the direct path.
     for row in &mut psi[1..] {
         for (factor, z) in row.iter_mut().zip(measurements) {
@@ -363,6 +364,25 @@ pub fn background_per_m<T: Real>(
         background.push(of_scan + all_per_m * (*claim - T::ONE));
     }
     background
+}
+
+/// Nothing that is not in the map is shorter than the direct path: were it measurement m, all that are more than two deviations
+/// shorter would be false alarms.
+fn discount_later_arrivals<T: Real>(
+    psi: &mut [T],
+    measurements: &[Measurement<T>],
+    clutter: &Clutter<T>,
+    per_m: &[T],
+) {
+    for (factor, z) in psi.iter_mut().zip(measurements) {
+        let clearly_shorter = z.range_m - T::of(2.0) * sqrt(z.variance_m2);
+        for (other, per_m) in measurements.iter().zip(per_m) {
+            if other.range_m < clearly_shorter {
+                // Order: the share first.
+                *factor *= clutter.false_alarms_per_m * other.false_alarm / *per_m;
+            }
+        }
+    }
 }
 
 impl<T: Real> Beliefs<T> {
