@@ -68,8 +68,7 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
             let is_own = move |anchor: usize| is_common || anchor == index;
             let own = scans.iter().filter(|scan| is_own(scan.anchor));
             // An action with which none of its anchors is heard may be the reason.
-            let is_lost = is_searching
-                || (0..self.anchors).filter(|anchor| is_own(*anchor)).all(&is_out);
+            let is_lost = is_searching || (0..self.anchors).filter(|anchor| is_own(*anchor)).all(&is_out);
             let framed = own.clone().find(|scan| scan.is_framed());
             let heard = own.count() > 0;
             let called = is_common && self.links.calls(self.anchors);

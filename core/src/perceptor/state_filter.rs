@@ -17,7 +17,7 @@
 //! soft: with S the innovation variance, beta the total probability, and nu the innovations,
 //! C <- C + (spread / S^2 - beta / S) w w', w = C h.
 //!
-//! **Cheap.** The changes of C_ss wait until there are four of them and are made in one pass ([`surface_covariance`]).
+//! **Cheap.** The changes of C_ss wait until there are four of them and are made in one pass (`surface_covariance`).
 //!
 //! **Positive definite in f32.** Three things keep it so. An update is never allowed to shrink a variance by
 //! more than 2^-10 at once (a smaller measurement variance is raised to that, and the next cycle takes the

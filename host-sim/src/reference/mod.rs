@@ -9,7 +9,7 @@
 //! | [`real`] | the number type: `f32` or `f64` |
 //! | [`range`], [`motion`], [`clock`], [`soft_update`] | what every estimate of the tag, and every memory, uses |
 //! | [`pulse`], [`channel_estimator`], [`gain_control`], [`receiver`] | frames to paths, paths to scans |
-//! | [`belief`], [`proposal`] | where the tag may be, in components |
+//! | [`belief`], `proposal` | where the tag may be, in components |
 //! | [`plan`], [`surface`], [`image`], [`listing`], [`start`] | what is told before the start |
 //! | [`known`], [`availability`], [`overlap`] | what a scan is expected to show |
 //! | [`association`] | paths to features |

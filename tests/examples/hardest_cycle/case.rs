@@ -4,10 +4,10 @@
 //! re-creates its case, and a search may change one field of it and keep the rest.
 
 use cogmint::recording::{
-    Action, Anchor, AssociationModel, Cycle, Frame, Motion, Radio, Range, Recording, Samples, Start,
-    VirtualAnchor,
+    Action, Anchor, AssociationModel, Cycle, Frame, Motion, Plan, PlanWall, Radio, Range, Recording, Samples,
+    Start, VirtualAnchor,
 };
-use cogmint::replay::{ACTIONS, PATHS, SOURCES};
+use cogmint::replay::{ACTIONS, PATHS, SOURCES, TARGET_SURFACES};
 use cogmint_core::radio::pulse::{Pulse, SUPPORT};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -145,7 +145,7 @@ enum RangePlaces {
     Crowded,
 }
 
-/// The recording of a seed, in the terms of the host: at most two anchors, 24 virtual anchors, 16 ranges per anchor, and
+/// The recording of a seed, in the terms of the host: at most two anchors, 8 surfaces, 16 ranges per anchor, and
 /// frames of at most 1024 samples.
 pub fn recording(seed: u64) -> Recording {
     let reach_m = pick(seed, Field::Reach, &[15.0, 30.0, 100.0, 1000.0]);
@@ -155,7 +155,8 @@ pub fn recording(seed: u64) -> Recording {
     let mut places = Draw::new(seed, 0);
     let anchors_m: Vec<[f64; 2]> = (0..anchors).map(|_| places.place_m(extent_m)).collect();
     let start_m = places.place_m(extent_m);
-    let virtual_anchors: Vec<VirtualAnchor> = (0..pick(seed, Field::Told, &[0, 8, 16, SOURCES]))
+    let told = pick(seed, Field::Told, &[Some(0), Some(TARGET_SURFACES / 2), Some(TARGET_SURFACES), None]);
+    let virtual_anchors: Vec<VirtualAnchor> = (0..told.unwrap_or(0))
         .map(|index| {
             let anchor = match value(seed, Field::ToldOf) {
                 0 => 0,
@@ -211,7 +212,7 @@ pub fn recording(seed: u64) -> Recording {
             .map(|n| Action { carrier_hz: 6e9 + 50e6 * n as f64, pulse_duration_s: pulse_s })
             .collect(),
         walls: Vec::new(),
-        plan: None,
+        plan: told.is_none().then(|| plan(extent_m)),
         antennas: Vec::new(),
         cycles: Vec::new(),
     };
@@ -259,11 +260,39 @@ fn scan(seed: u64, recording: &Recording, number: usize, position_m: [f64; 2], s
     cycle
 }
 
-/// Distances from a place to an anchor and its virtual anchors, metres, the anchor first.
+/// As many walls as the image has surfaces: a square of this side and two more walls each way, with as many sources as it has room
+/// for.
+fn plan(side_m: f64) -> Plan {
+    let wall = |from_m: [f64; 2], to_m: [f64; 2]| PlanWall {
+        segments_m: vec![[from_m, to_m]],
+        offset_std_m: 0.1,
+        rotation_std_rad: 0.01,
+        construction: "concrete".into(),
+    };
+    let shares = (0..TARGET_SURFACES / 2).map(|n| n as f64 / (TARGET_SURFACES / 2 - 1) as f64);
+    let across = shares.flat_map(|share| {
+        let (at_m, end_m) = (share * side_m, if share.fract() == 0.0 { side_m } else { 0.6 * side_m });
+        [wall([at_m, 0.0], [at_m, end_m]), wall([0.0, at_m], [end_m, at_m])]
+    });
+    Plan {
+        outline_m: vec![[0.0, 0.0], [side_m, 0.0], [side_m, side_m], [0.0, side_m]],
+        turn_std_rad: 0.0,
+        reflections: 2,
+        most_sources: SOURCES,
+        walls: across.collect(),
+    }
+}
+
+/// Distances from a place to an anchor and its virtual anchors or images over one wall, metres, the anchor first.
 fn distances_m(recording: &Recording, anchor: usize, [x, y]: [f64; 2]) -> Vec<f64> {
-    let direct = std::iter::once(recording.anchors[anchor].position_m);
+    let [ax, ay] = recording.anchors[anchor].position_m;
     let images = recording.virtual_anchors.iter().filter(|va| va.anchor == anchor).map(|va| va.position_m);
-    direct.chain(images).map(|[ax, ay]| (x - ax).hypot(y - ay)).collect()
+    let walls = recording.plan.iter().flat_map(|plan| &plan.walls).map(|wall| {
+        let ([nx, ny], [[wx, wy], _]) = (wall.normal(), wall.segments_m[0]);
+        let away_m = nx * (ax - wx) + ny * (ay - wy);
+        [ax - 2.0 * away_m * nx, ay - 2.0 * away_m * ny]
+    });
+    std::iter::once([ax, ay]).chain(images).chain(walls).map(|[sx, sy]| (x - sx).hypot(y - sy)).collect()
 }
 
 fn ranges(seed: u64, recording: &Recording, anchor: usize, sources_m: &[f64], draw: &mut Draw) -> Vec<Range> {

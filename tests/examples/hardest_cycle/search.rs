@@ -3,7 +3,7 @@
 
 use super::case::{self, FIELD_COUNT, SEEDS};
 use cogmint::recording::Recording;
-use cogmint::replay::{SMALL_ANCHORS, Setup, inputs, step};
+use cogmint::replay::{Setup, inputs, step};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use std::path::Path;
@@ -57,7 +57,7 @@ pub fn build(seed: u64) -> Result<(Recording, Setup), String> {
 /// The core refuses it: then it was not legal.
 pub fn run(seed: u64) -> Result<Tried, String> {
     let (recording, setup) = build(seed)?;
-    let mut tracker = setup.tracker::<SMALL_ANCHORS>().map_err(|error| error.to_string())?;
+    let mut tracker = setup.target_tracker().map_err(|error| error.to_string())?;
     let mut tried = Tried { seed, cycle: 0, seconds: 0.0, hashes: Vec::new() };
     let (mut hashes, mut total_s) = (Vec::new(), 0.0);
     for (cycle, input) in inputs(&recording).enumerate() {
