@@ -73,7 +73,7 @@ const COMMANDS: [(&str, &[&str]); 34] = [
     ),
     ("cogmint experiment rooms", &["experiment rooms --count 3 --draw"]),
     (
-        "cogmint experiment rooms --count 200 --plan exact,0.1 --start 0.25,1 --interference none",
+        "cogmint experiment rooms --seed 200001 --count 300 --plan exact,0.1 --start 0.25,1 --interference none",
         &[
             "experiment rooms --count 1 --seed 200001 --plan exact,0.1 --start 0.25,1 --interference none --only ekf",
         ],
