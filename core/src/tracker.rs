@@ -196,7 +196,7 @@ impl<
             clutter,
             receiver,
             &told,
-            |anchor| belief.is_out(anchor),
+            |anchor| belief.is_lost(anchor),
             known,
             controllers,
             &outcomes,
@@ -223,7 +223,7 @@ impl<
         let decision = controllers.decide(
             earned,
             searching,
-            |anchor| belief.is_out(anchor),
+            |anchor| belief.is_lost(anchor),
             scans,
             &state,
             seen.iter(),

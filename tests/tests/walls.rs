@@ -93,7 +93,7 @@ fn a_wall_of_the_plan_that_is_not_there_is_doubted_and_the_tag_is_kept() {
             believed.push(seed);
         }
     }
-    // Too many: a path of something else is taken for its image (docs/map.md, known defects).
+    // Too many, and 9 before the belief was a mixture: a path of something else is taken for its image (docs/map.md, known defects).
     assert!(believed.len() <= 12, "believed in the runs of seeds {believed:?}");
     // The wall itself is not what is doubted: where it is, it is believed.
     let (_, track) = run(&there, 1);

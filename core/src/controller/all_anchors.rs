@@ -49,7 +49,7 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
         &mut self,
         earned: f32,
         is_searching: bool,
-        is_out: impl Fn(usize) -> bool,
+        is_lost: impl Fn(usize) -> bool,
         scans: &Vec<Scan<PATHS>, ANCHORS>,
         state: &PlanningState,
         sources: impl Iterator<Item = Visible> + Clone,
@@ -68,7 +68,7 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
             let is_own = move |anchor: usize| is_common || anchor == index;
             let own = scans.iter().filter(|scan| is_own(scan.anchor));
             // An action with which none of its anchors is heard may be the reason.
-            let is_lost = is_searching || (0..self.anchors).filter(|anchor| is_own(*anchor)).all(&is_out);
+            let lost = (0..self.anchors).filter(|anchor| is_own(*anchor)).all(&is_lost);
             let framed = own.clone().find(|scan| scan.is_framed());
             let heard = own.count() > 0;
             let called = is_common && self.links.calls(self.anchors);
@@ -81,10 +81,9 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
                 let anchor = sight.source.anchor();
                 if is_own(anchor) { None } else { Some((sight, *held.get(anchor)?)) }
             });
-            let given = planner.expect(others);
+            let given = planner.ahead(others);
             let visible = sources.clone().filter(|sight| is_own(sight.source.anchor()));
-            let outcome =
-                Outcome { applied, earned, heard, elapsed_s: state.elapsed_s, lost: is_lost, called };
+            let outcome = Outcome { applied, earned, heard, elapsed_s: state.elapsed_s, lost, called };
             controller.decide(&outcome, &planner, visible, &given);
             if index == 0 {
                 first_applied = applied;

@@ -156,7 +156,7 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
     }
 
     /// What each of these sources will tell with its action.
-    pub fn expect(&self, sources: impl Iterator<Item = (Visible, usize)>) -> Ahead {
+    pub fn ahead(&self, sources: impl Iterator<Item = (Visible, usize)>) -> Ahead {
         let mut ahead = [PositionInformation::default(); LONGEST_HORIZON];
         for (sight, action) in sources {
             let quality = self.quality(&sight, action, self.variances_m2(action));

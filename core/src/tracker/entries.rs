@@ -252,7 +252,7 @@ impl<
             expected: controller.map_or(0, Controller::action_index),
             held: controller.map_or(0, Controller::held),
             sought_with: controller.and_then(Controller::sought_with),
-            is_lost: self.belief.is_searching() || self.belief.is_out(observation.anchor()),
+            is_lost: self.belief.is_lost(observation.anchor()),
             loss_ln: self.channel.loss_ln(action),
         }
     }

@@ -215,14 +215,14 @@ pub(super) fn remember<
     clutter: &mut ClutterMemory<ANCHORS>,
     receiver: &mut Receiver<ANCHORS, PATHS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    is_out: impl Fn(usize) -> bool,
+    is_lost: impl Fn(usize) -> bool,
     (is_searching, is_sure): (bool, bool),
     controllers: &Controllers<ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
     let library = told.library;
     let framed = outcomes.iter().map(|(outcome, _)| outcome.scan).filter(|scan| scan.is_framed());
-    for scan in framed.filter(|scan| !is_searching && !is_out(scan.anchor)) {
+    for scan in framed.filter(|scan| !is_lost(scan.anchor)) {
         // The tag was found: with which action, tells what gain control had hidden.
         if let Some(excess_ln) = receiver.found(scan.anchor) {
             let held = controllers.of(scan.anchor).map_or(0, Controller::held);

@@ -13,7 +13,8 @@
 //! three features by three measurements and nearly all that occur; the others go through loopy belief propagation.
 //!
 //! The direct path is the shortest: measurements below it can only be false alarms, not paths of virtual anchors, mapped or
-//! not ([`background`]): those below where it is expected, and, were it measurement m, those clearly below m. No virtual anchor gets one that is clearly shorter than the direct path is expected to be, because
+//! not ([`background`]): those below where it is expected, and, were it measurement m, those clearly below m. No virtual anchor
+//! gets one that is clearly shorter than the direct path is expected to be, because
 //! a map that is wrong would then explain away that the tag is elsewhere.
 //!
 //! The sum over all joint associations is the evidence of the scan for the place that it was compared at, of loopy clusters by
@@ -188,15 +189,12 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
             harden(belief, *choice);
         }
     }
-}
 
-impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
     /// Makes them those of an anchor that may be out with this probability: then everything is clutter, and nothing is told of
     /// what exists. `existences` are those before the scan, of all features.
     pub fn doubt(&mut self, outage: f32, existences: impl Iterator<Item = f32>, count: usize) {
-        let (evidence_nat, outage) = weigh(outage, self.evidence_nat);
-        (self.evidence_nat, self.outage) = (evidence_nat, outage);
-        let heard = 1.0 - outage;
+        (self.evidence_nat, self.outage) = weigh(outage, self.evidence_nat);
+        let heard = 1.0 - self.outage;
         let beliefs = core::iter::once(&mut self.direct).chain(&mut self.virtual_anchors);
         for (belief, existence) in beliefs.zip(existences) {
             belief.missed = 1.0 - heard * (1.0 - belief.missed);

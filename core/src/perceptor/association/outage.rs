@@ -14,7 +14,8 @@ pub fn weigh(outage: f32, evidence_nat: f32) -> (f32, f32) {
     // Relative to the more probable of both.
     let most = larger(evidence_nat, 0.0);
     let (heard, out) = ((1.0 - outage) * exp(evidence_nat - most), outage * exp(-most));
-    (most + ln(larger(heard + out, f32::MIN_POSITIVE)), out / larger(heard + out, f32::MIN_POSITIVE))
+    let either = larger(heard + out, f32::MIN_POSITIVE);
+    (most + ln(either), out / either)
 }
 
 #[cfg(test)]

@@ -195,6 +195,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.components.get(self.leader).is_some_and(|leader| leader.outages.of(anchor) > OUT)
     }
 
+    /// Whether an anchor says nothing of where the tag is: it is out, or nothing does.
+    pub fn is_lost(&self, anchor: usize) -> bool {
+        self.is_searching() || self.is_out(anchor)
+    }
+
     /// What is assumed.
     pub fn settings(&self) -> &BeliefSettings {
         &self.settings
@@ -341,9 +346,9 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
     }
 
-    /// Ends a cycle in which something was heard: hindrances enter the weights, these are normalised, and what is believed is summed up. `through` gives the
-    /// probability that a way from one place to another (metres), known within a deviation (metres), crosses no wall, `inside` that
-    /// a place may be one of a tag.
+    /// Ends a cycle in which something was heard: hindrances enter the weights, these are normalised, and what is believed is
+    /// summed up. `through` gives the probability that a way from one place to another (metres), known within a deviation (metres),
+    /// crosses no wall, `inside` that a place may be one of a tag.
     #[inline(never)]
     pub fn conclude(
         &mut self,
