@@ -39,6 +39,37 @@ fn written_rooms_are_scenario_files_and_a_bad_name_writes_none() {
     }
 }
 
+#[test]
+fn incidents_befall_rooms_of_so_many_anchors_and_are_judged() {
+    let folder = Folder::new("rooms-incidents");
+    let run = |arguments: &str| cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
+    let rooms = "experiment rooms --count 2 --seed 40 --anchors 3 --plan 0.1 --start 1 --only direct --json";
+    let answer = |incident: &str| -> Value {
+        let output = run(&format!("{rooms}{incident}"));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).expect("is one JSON object")
+    };
+    let usual = answer("");
+    assert!(usual.get("incident").is_none());
+    assert!(
+        usual["runs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|run| run["anchors"] == 3 && run.get("heard_again_s").is_none())
+    );
+    let silent = answer(" --incident silence");
+    assert_eq!(silent["incident"], "silence");
+    for (run, before) in silent["runs"].as_array().unwrap().iter().zip(usual["runs"].as_array().unwrap()) {
+        assert!(run["unheard_above_3_sigma"].is_number() && run["rmse_m"] != before["rmse_m"], "{run}");
+        assert!(run["end_error_m"].is_number());
+    }
+    let figures = &silent["trackers"][0];
+    assert!(figures["found_within_5_s_share"].is_number() && figures["unheard_lies_share"].is_number());
+    assert_eq!(run(&format!("{rooms} --incident silence --write some")).status.code(), Some(2));
+    assert_eq!(run(&format!("{rooms} --incident fire")).status.code(), Some(2));
+}
+
 /// The yardstick itself: in answerable rooms whoever is told the associations keeps the tag, and says how well.
 #[test]
 fn told_associations_keep_the_tag_in_answerable_rooms() {

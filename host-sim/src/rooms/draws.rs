@@ -26,6 +26,7 @@ pub(super) enum Aspect {
     Obstructions,
     Losses,
     Receiver,
+    Incident,
 }
 
 /// A stream of draws.

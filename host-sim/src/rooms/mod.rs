@@ -6,6 +6,7 @@
 
 mod draws;
 mod free_space;
+mod incident;
 mod layout;
 mod way;
 
@@ -23,6 +24,7 @@ use free_space::FreeSpace;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
+pub use incident::Incident;
 pub use layout::Family;
 pub use way::Motion;
 
@@ -175,6 +177,8 @@ pub struct Restriction {
     pub starts: Vec<Start>,
     /// What interferers do.
     pub interference: Vec<Disturbance>,
+    /// Numbers of anchors, 1 to 8; others allow nothing.
+    pub anchors: Vec<usize>,
 }
 
 /// What was drawn.
@@ -240,7 +244,8 @@ pub fn room(seed: u64, restriction: &Restriction) -> Result<RandomRoom, InputErr
     let extent = Extent::of(&room.corners_m);
 
     let tag = tag(seed);
-    let anchors = anchors(seed, &space, &extent, &room.corners_m, layout.ceiling_m, tag.height_m);
+    let anchors =
+        anchors(seed, &restriction.anchors, &space, &extent, &room.corners_m, layout.ceiling_m, tag.height_m);
     let receiver = Draws::new(seed, Aspect::Receiver).weighted(&Receiver::WEIGHTS);
     let radio = radio(seed, receiver, &extent);
     let is_sounder = receiver == Receiver::Sounder;
@@ -422,8 +427,10 @@ const ANCHOR_COUNTS: [(usize, f64); 8] =
     [(1, 5.0), (2, 5.0), (3, 3.0), (4, 3.0), (5, 1.0), (6, 1.0), (7, 1.0), (8, 1.0)];
 
 /// 1 to 8 anchors, half of the rooms with at most two, mounted beside walls and away from each other.
+#[allow(clippy::too_many_arguments)] // each is a part of the room
 fn anchors(
     seed: u64,
+    allowed: &[usize],
     space: &FreeSpace,
     extent: &Extent,
     corners_m: &[Position],
@@ -431,7 +438,10 @@ fn anchors(
     tag_height_m: f64,
 ) -> Vec<Anchor> {
     let mut draws = Draws::new(seed, Aspect::Anchors);
-    let count = draws.weighted(&ANCHOR_COUNTS);
+    let counts = ANCHOR_COUNTS.iter().copied();
+    let counts: Vec<(usize, f64)> =
+        counts.filter(|(count, _)| allowed.is_empty() || allowed.contains(count)).collect();
+    let count = draws.weighted(if counts.is_empty() { &ANCHOR_COUNTS } else { &counts });
     let pattern = draws.weighted(&[(Pattern::Isotropic, 1.0), (Pattern::Dipole, 1.0), (Pattern::Patch, 1.0)]);
     let ripple = if draws.chance(0.5) { draws.uniform(0.05, 0.3) } else { 0.0 };
     let is_high = draws.chance(0.75);

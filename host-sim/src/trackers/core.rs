@@ -31,6 +31,7 @@ fn run_sized<const A: usize>(
         Ok(Estimate {
             position_m: step.report.position_m.map(f64::from),
             covariance_m2: [covariance.m11, covariance.m21, covariance.m22].map(f64::from),
+            probability: Some(f64::from(step.report.probability)),
             searching: step.report.searching || step.report.lost,
             seconds: step.seconds,
         })

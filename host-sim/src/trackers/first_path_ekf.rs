@@ -35,6 +35,7 @@ pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Vec<E
         Estimate {
             position_m: [gaussian.mean[0], gaussian.mean[1]],
             covariance_m2: gaussian.position_m2(),
+            probability: None,
             searching: false,
             seconds: begin.elapsed().as_secs_f64(),
         }

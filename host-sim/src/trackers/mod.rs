@@ -86,6 +86,8 @@ pub struct Estimate {
     pub position_m: [f64; 2],
     /// Covariance of all that it believes about the position, square metres: xx, xy, yy.
     pub covariance_m2: [f64; 3],
+    /// Probability that it gives that position; none where it gives none.
+    pub probability: Option<f64>,
     /// Whether it says that it does not know where the tag is.
     pub searching: bool,
     /// Time it took for the cycle, seconds; that of the channel estimator is in it for cogmint alone.

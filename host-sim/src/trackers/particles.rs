@@ -76,6 +76,7 @@ pub fn run(
         Estimate {
             position_m: [mean[0], mean[1]],
             covariance_m2: [covariance[0][0], covariance[0][1], covariance[1][1]],
+            probability: None,
             searching: false,
             seconds: begin.elapsed().as_secs_f64(),
         }

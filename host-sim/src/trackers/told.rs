@@ -50,6 +50,7 @@ pub fn run(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Vec<E
         estimates.push(Estimate {
             position_m,
             covariance_m2,
+            probability: None,
             searching: false,
             seconds: begin.elapsed().as_secs_f64(),
         });

@@ -9,7 +9,7 @@ use cogmint::experiment::rooms::{RoomRuns, run_rooms};
 use cogmint::experiment::side_by_side::Tracker;
 use cogmint::experiment::side_by_side::run::Run;
 use cogmint::input_error::InputError;
-use cogmint::rooms::{Disturbance, Drawn, Family, Plan, RandomRoom, Restriction, Start, room};
+use cogmint::rooms::{Disturbance, Drawn, Family, Incident, Plan, RandomRoom, Restriction, Start, room};
 use cogmint::whole_file;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -34,6 +34,13 @@ pub struct Options {
     /// Draw these kinds of interference only.
     #[arg(long, value_delimiter = ',', value_name = "NAME", value_parser = one_of(&Disturbance::ALL, Disturbance::name))]
     interference: Vec<Disturbance>,
+    /// Draw so many anchors only, 1 to 8, separated by commas.
+    #[arg(long, value_delimiter = ',', value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    anchors: Vec<u8>,
+    /// What happens in every room besides, and no tracker is told of: an anchor is 3 m off, drifts by 0.1 m/s or is moved by 2 m;
+    /// no frame arrives for up to 10 s, or only clutter does; or the tag is carried elsewhere, unheard (docs/rooms.md).
+    #[arg(long, value_name = "NAME", value_parser = one_of(&Incident::ALL, Incident::name), conflicts_with_all = ["draw", "write"])]
+    incident: Option<Incident>,
     /// Run these trackers only; without, all but particles.
     #[arg(long, value_delimiter = ',', value_name = "TRACKER", value_parser = one_of(&Tracker::ALL, Tracker::name))]
     only: Vec<Tracker>,
@@ -76,6 +83,8 @@ pub(super) fn asked(only: &[Tracker]) -> Vec<Tracker> {
 #[derive(Serialize)]
 struct Answer<'a> {
     seed: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    incident: Option<Incident>,
     #[serde(flatten)]
     summary: Summary,
     groups: Vec<Group>,
@@ -87,6 +96,8 @@ struct Answer<'a> {
 struct Row<'a> {
     #[serde(flatten)]
     drawn: Drawn,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    incident: Option<Incident>,
     answerable: bool,
     bound_m: Option<f64>,
     paths_per_frame: f64,
@@ -101,6 +112,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         plans: options.plan.clone(),
         starts: options.start.clone(),
         interference: options.interference.clone(),
+        anchors: options.anchors.iter().map(|&count| usize::from(count)).collect(),
     };
     let seeds = options.seed..options.seed + u64::from(options.count);
     let rooms: Vec<RandomRoom> =
@@ -116,16 +128,22 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     let trackers = asked(&options.only);
     let bar = progress_of(rooms.len(), "tracking", "rooms");
-    let runs = run_rooms(&rooms, &trackers, || bar.inc(1))?;
+    let runs = run_rooms(&rooms, options.incident, &trackers, || bar.inc(1))?;
     bar.finish_and_clear();
-    let rows: Vec<Row> = runs.iter().flat_map(rows).collect();
+    let rows: Vec<Row> = runs.iter().flat_map(|room| rows(room, options.incident)).collect();
     if let Some(file) = &options.csv {
         write_csv(&rows, file)?;
     }
     let everything: Vec<&RoomRuns> = runs.iter().collect();
     let summary = Summary::new(&everything);
     if options.json {
-        return print_json(&Answer { seed: options.seed, summary, groups: groups(&runs), runs: rows });
+        return print_json(&Answer {
+            seed: options.seed,
+            incident: options.incident,
+            summary,
+            groups: groups(&runs),
+            runs: rows,
+        });
     }
     print(&format!(
         "{} random rooms, seeds from {}; {} answerable\n",
@@ -133,6 +151,10 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     ));
     print_figures("answerable rooms", &summary.trackers_answerable);
     print_figures("all rooms", &summary.trackers);
+    print_claims("answerable rooms", &summary.trackers_answerable);
+    if let Some(incident) = options.incident {
+        print_incident(incident, &summary.trackers);
+    }
     print_groups(&groups(&runs));
     print_lost(&runs);
     for tracker in &trackers {
@@ -146,10 +168,11 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-fn rows(room: &RoomRuns) -> impl Iterator<Item = Row<'_>> {
+fn rows(room: &RoomRuns, incident: Option<Incident>) -> impl Iterator<Item = Row<'_>> {
     let trackers = &room.trackers;
-    trackers.runs.iter().map(|run| Row {
+    trackers.runs.iter().map(move |run| Row {
         drawn: room.drawn,
+        incident,
         answerable: room.is_answerable(),
         bound_m: trackers.bound_m,
         paths_per_frame: trackers.paths_per_frame,
@@ -263,6 +286,34 @@ fn print_figures(what: &str, trackers: &[TrackerFigures]) {
             )
             .trim_end(),
         );
+    }
+    print("");
+}
+
+/// How far a probability above 0.9 can be relied on, of trackers that give one.
+fn print_claims(what: &str, trackers: &[TrackerFigures]) {
+    for tracker in trackers.iter().filter(|tracker| tracker.sure_right_share.is_some()) {
+        print(&format!(
+            "{}, {what}: where its probability is above 0.9, the error is below 1 m or 3 claimed deviations in {} % of the cycles\n",
+            tracker.name,
+            percent(tracker.sure_right_share),
+        ));
+    }
+}
+
+/// What an incident did to the trackers, over all rooms.
+fn print_incident(incident: Incident, trackers: &[TrackerFigures]) {
+    print(&format!("Incident in all rooms: {}", incident.name()));
+    print("            ends above 1 m   unheard: lies   above 3 sigma   found within 5 s");
+    for tracker in trackers {
+        print(&format!(
+            "{:<10} {:>15} {:>15} {:>15} {:>18}",
+            tracker.name,
+            percent(tracker.end_above_1_m_share),
+            percent(tracker.unheard_lies_share),
+            percent(tracker.unheard_above_3_sigma_share),
+            percent(tracker.found_within_5_s_share),
+        ));
     }
     print("");
 }

@@ -3,6 +3,7 @@
 use super::rooms::{asked, number, one_of};
 use super::{print, print_json};
 use crate::Failure;
+use cogmint::experiment::side_by_side::run::Judging;
 use cogmint::experiment::side_by_side::{SideBySide, Tracker, run_recording};
 use cogmint::recording::Recording;
 use cogmint::replay::Setup;
@@ -44,7 +45,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         .map(|folder| {
             let recording = Recording::read(folder)?;
             let setup = Setup::new(&recording, folder, options.seed)?;
-            let trackers = run_recording(&recording, &setup, folder, &trackers, options.anywhere)?;
+            let judging = Judging { starts_anywhere: options.anywhere, ..Judging::default() };
+            let trackers = run_recording(&recording, &setup, folder, &trackers, &judging)?;
             Ok(Outcome { recording: recording.name, trackers })
         })
         .collect::<Result<_, Failure>>()?;

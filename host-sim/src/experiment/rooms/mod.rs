@@ -5,10 +5,11 @@
 
 pub mod summary;
 
-use super::side_by_side::{SideBySide, Tracker, run_recording};
+use super::side_by_side::run::Judging;
+use super::side_by_side::{SideBySide, Tracker, answerable, run_recording};
 use crate::input_error::InputError;
 use crate::replay::Setup;
-use crate::rooms::{Drawn, RandomRoom, Start};
+use crate::rooms::{Drawn, Incident, RandomRoom, Start};
 use crate::simulator::Simulator;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -32,17 +33,27 @@ impl RoomRuns {
     }
 }
 
-/// Runs the trackers in a room.
+/// Runs the trackers in a room, in which there may be an incident.
 ///
 /// # Errors
 /// The room cannot be simulated, or the core refuses what it gives.
-pub fn run_room(room: &RandomRoom, trackers: &[Tracker]) -> Result<RoomRuns, InputError> {
+pub fn run_room(
+    room: &RandomRoom,
+    incident: Option<Incident>,
+    trackers: &[Tracker],
+) -> Result<RoomRuns, InputError> {
     let file = Path::new(&room.scenario.name);
     let simulator = Simulator::new(&room.scenario, None, 0, None)?;
-    let recording = simulator.record(usize::MAX, || {});
+    let mut recording = simulator.record(usize::MAX, || {});
+    let mut judging =
+        Judging { starts_anywhere: room.drawn.start == Start::Anywhere, unheard_s: None, answerable: None };
+    if let Some(incident) = incident {
+        // The same rooms are answerable whatever happens in them.
+        judging.answerable = answerable(&recording, &Setup::new(&recording, file, None)?);
+        judging.unheard_s = incident.befall(room, &mut recording)?;
+    }
     let setup = Setup::new(&recording, file, None)?;
-    let starts_anywhere = room.drawn.start == Start::Anywhere;
-    let trackers = run_recording(&recording, &setup, file, trackers, starts_anywhere)?;
+    let trackers = run_recording(&recording, &setup, file, trackers, &judging)?;
     Ok(RoomRuns { drawn: room.drawn, trackers })
 }
 
@@ -53,11 +64,12 @@ pub fn run_room(room: &RandomRoom, trackers: &[Tracker]) -> Result<RoomRuns, Inp
 /// As [`run_room`], of the first room that fails.
 pub fn run_rooms(
     rooms: &[RandomRoom],
+    incident: Option<Incident>,
     trackers: &[Tracker],
     on_room: impl Fn() + Sync,
 ) -> Result<Vec<RoomRuns>, InputError> {
     let run = |room| {
-        let runs = run_room(room, trackers);
+        let runs = run_room(room, incident, trackers);
         on_room();
         runs
     };

@@ -48,6 +48,17 @@ pub struct TrackerFigures {
     pub first_known_median_s: Option<f64>,
     /// Mean number of losses said.
     pub losses_said_mean: Option<f64>,
+    /// Of the cycles of all runs with a probability above 0.9, the share in which the claim was right.
+    pub sure_right_share: Option<f64>,
+    /// Share of runs that end more than 1 m off.
+    pub end_above_1_m_share: Option<f64>,
+    /// While nothing of the tag is heard: mean share of confident lies.
+    pub unheard_lies_share: Option<f64>,
+    /// Mean share of errors above 3 claimed deviations meanwhile.
+    pub unheard_above_3_sigma_share: Option<f64>,
+    /// Share of the runs in which the tag was found within 5 s of being heard again; those that end before are left out
+    /// where it was not.
+    pub found_within_5_s_share: Option<f64>,
 }
 
 /// The rooms in which one thing was drawn alike.
@@ -154,6 +165,7 @@ fn tracker_figures(name: &str, rooms: &[&RoomRuns]) -> TrackerFigures {
     // What is unknown is worse than anything known.
     let median =
         |of: fn(&Run) -> Option<f64>| quantile(0.5, runs.iter().map(|run| of(run).unwrap_or(f64::INFINITY)));
+    let unheard = || runs.iter().filter_map(|run| run.unheard);
     TrackerFigures {
         name: name.into(),
         lost_share: lost(&runs),
@@ -172,7 +184,25 @@ fn tracker_figures(name: &str, rooms: &[&RoomRuns]) -> TrackerFigures {
         nees_median: median(|run| run.nees),
         first_known_median_s: median(|run| run.first_known_s),
         losses_said_mean: mean_of(runs.iter().map(|run| run.losses_said as f64)),
+        sure_right_share: sure_right(&runs),
+        end_above_1_m_share: mean_of(runs.iter().map(|run| {
+            let is_off = run.end_error_m.is_none_or(|error_m| error_m > 1.0);
+            f64::from(u8::from(is_off))
+        })),
+        unheard_lies_share: mean_of(unheard().filter_map(|unheard| unheard.unheard_lies)),
+        unheard_above_3_sigma_share: mean_of(unheard().filter_map(|unheard| unheard.unheard_above_3_sigma)),
+        found_within_5_s_share: mean_of(unheard().filter_map(|unheard| {
+            let is_found = unheard.found_s.is_some_and(|found_s| found_s <= 5.0);
+            (is_found || unheard.heard_again_s >= 5.0).then(|| f64::from(u8::from(is_found)))
+        })),
     }
+}
+
+/// See [`TrackerFigures::sure_right_share`].
+fn sure_right(runs: &[&Run]) -> Option<f64> {
+    let cycles: usize = runs.iter().map(|run| run.sure_cycles).sum();
+    let right = runs.iter().filter_map(|run| Some(run.sure_right? * run.sure_cycles as f64));
+    (cycles > 0).then(|| right.sum::<f64>() / cycles as f64)
 }
 
 /// The central 95 % of a figure over resamplings of the runs; none where the figure has no value in most of them.
@@ -210,6 +240,10 @@ mod tests {
             above_5_sigma: 0.0,
             first_known_s: None,
             losses_said: 0,
+            end_error_m: None,
+            sure_right: None,
+            sure_cycles: 0,
+            unheard: None,
         }
     }
 
@@ -225,5 +259,14 @@ mod tests {
             (0.25 - low - expected).abs() < 0.012 && (high - 0.25 - expected).abs() < 0.012,
             "{low} {high}"
         );
+    }
+
+    #[test]
+    fn claims_are_counted_by_cycles() {
+        let sure = |sure_right: Option<f64>, sure_cycles| Run { sure_right, sure_cycles, ..run(false) };
+        let runs = [sure(Some(0.0), 1), sure(Some(1.0), 599), sure(None, 0)];
+        let share = sure_right(&runs.iter().collect::<Vec<_>>()).unwrap();
+        assert!((share - 599.0 / 600.0).abs() < 1e-12);
+        assert_eq!(sure_right(&[&runs[2]]), None);
     }
 }

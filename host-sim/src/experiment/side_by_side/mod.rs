@@ -6,7 +6,7 @@ use crate::input_error::InputError;
 use crate::recording::Recording;
 use crate::replay::Setup;
 use crate::trackers::{self, CycleScans, Estimate, bound};
-use run::{Judged, Run};
+use run::{Judged, Judging, Run};
 use serde::Serialize;
 use std::path::Path;
 
@@ -83,8 +83,18 @@ pub struct SideBySide {
     pub seconds: Vec<f64>,
 }
 
+/// See [`SideBySide::answerable`].
+pub fn answerable(recording: &Recording, setup: &Setup) -> Option<bool> {
+    is_answerable(recording, setup, &trackers::scans(recording, setup))
+}
+
+fn is_answerable(recording: &Recording, setup: &Setup, cycles: &[CycleScans]) -> Option<bool> {
+    let has_true_paths = recording.cycles.iter().any(|cycle| !cycle.truth_paths.is_empty());
+    has_true_paths.then(|| bound::answerable(&bound::detected(recording, setup, cycles)))
+}
+
 /// Runs the trackers over a recording with at least one cycle of known truth; `file` is named in messages.
-/// `starts_anywhere`: see [`Run::new`]. Where no true path is known, [`Tracker::Told`] has nothing to be told and is
+/// `judging` is on the recording's clock. Where no true path is known, [`Tracker::Told`] has nothing to be told and is
 /// left out.
 ///
 /// # Errors
@@ -94,7 +104,7 @@ pub fn run_recording(
     setup: &Setup,
     file: &Path,
     trackers: &[Tracker],
-    starts_anywhere: bool,
+    judging: &Judging,
 ) -> Result<SideBySide, InputError> {
     let first = recording.cycles.iter().find(|cycle| cycle.truth_position_m.is_some());
     let Some(first_s) = first.map(|cycle| cycle.time_s) else {
@@ -103,7 +113,10 @@ pub fn run_recording(
     let cycles = trackers::scans(recording, setup);
     let bound_m = bound::frames(recording, setup, &cycles);
     let has_true_paths = recording.cycles.iter().any(|cycle| !cycle.truth_paths.is_empty());
-    let answerable = has_true_paths.then(|| bound::answerable(&bound::detected(recording, setup, &cycles)));
+    let answerable = judging.answerable.or_else(|| is_answerable(recording, setup, &cycles));
+    // On the clock of the judged cycles.
+    let unheard_s = judging.unheard_s.map(|window_s| window_s.map(|time_s| time_s - first_s));
+    let judging = Judging { unheard_s, ..*judging };
     let mut runs = Vec::new();
     let mut seconds = Vec::new();
     for &tracker in trackers.iter().filter(|tracker| has_true_paths || **tracker != Tracker::Told) {
@@ -121,7 +134,7 @@ pub fn run_recording(
                 Some(Judged { time_s: cycle.time_s - first_s, truth_m, bound_m, estimate })
             })
             .collect();
-        runs.push(Run::new(tracker.name(), &judged, starts_anywhere));
+        runs.push(Run::new(tracker.name(), &judged, &judging));
     }
     let rmse_of_told = runs.iter().find(|run| run.tracker == Tracker::Told.name()).and_then(|run| run.rmse_m);
     for run in &mut runs {
