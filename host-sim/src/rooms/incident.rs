@@ -94,14 +94,13 @@ impl Incident {
                 Ok(None)
             }
             Incident::AnchorDrifting => {
-                let longest_s = recording.association.max_range_m / SPEED_OF_LIGHT_M_S;
+                let longest_m = recording.association.max_range_m;
                 for cycle in &mut recording.cycles {
                     let drift_s = DRIFT_M_S * (cycle.time_s - first_s) / SPEED_OF_LIGHT_M_S;
                     for frame in cycle.frames.iter_mut().filter(|frame| frame.anchor == anchor) {
                         frame.first_sample_delay_s += drift_s;
                     }
-                    // What begins beyond the longest range is no frame.
-                    cycle.frames.retain(|frame| frame.first_sample_delay_s < longest_s);
+                    leave_out_beyond(cycle, longest_m);
                     for path in cycle.truth_paths.iter_mut().filter(|path| path.anchor == anchor) {
                         path.delay_s += drift_s;
                     }
@@ -175,24 +174,28 @@ fn replace(cycle: &mut Cycle, other: Cycle, anchor: usize) {
     cycle.truth_paths.retain(|path| path.anchor != anchor);
 }
 
+/// A frame that begins beyond the longest range is none: the tracker would refuse the whole cycle.
+fn leave_out_beyond(cycle: &mut Cycle, longest_m: f64) {
+    cycle.frames.retain(|frame| SPEED_OF_LIGHT_M_S * frame.first_sample_delay_s < longest_m);
+}
+
 /// In a window, every frame shows what its anchor sent at some other time, later by [`CLUTTER_M`] up to half of the longest range.
 fn clutter(recording: &mut Recording, window_s: [f64; 2], draws: &mut Draws) {
     let before = recording.cycles.clone();
-    let longest_s = 0.5 * recording.association.max_range_m / SPEED_OF_LIGHT_M_S;
+    let longest_m = recording.association.max_range_m;
     for cycle in within(&mut recording.cycles, window_s) {
         let time_s = cycle.time_s;
         for frame in &mut cycle.frames {
             let others: Vec<_> = (before.iter().filter(|other| other.time_s != time_s))
                 .flat_map(|other| other.frames.iter().filter(|other| other.anchor == frame.anchor))
                 .collect();
-            let shift_s = draws.uniform(CLUTTER_M / SPEED_OF_LIGHT_M_S, longest_s);
+            let shift_s = draws.uniform(CLUTTER_M / SPEED_OF_LIGHT_M_S, 0.5 * longest_m / SPEED_OF_LIGHT_M_S);
             if !others.is_empty() {
                 *frame = others[draws.below(others.len())].clone();
             }
             frame.first_sample_delay_s += shift_s;
         }
-        // What begins beyond the longest range is no frame.
-        cycle.frames.retain(|frame| frame.first_sample_delay_s < 2.0 * longest_s);
+        leave_out_beyond(cycle, longest_m);
         cycle.truth_paths.clear();
     }
 }
@@ -307,5 +310,21 @@ mod tests {
         let farthest = before.cycles[25..45].iter().map(far).fold(0.0, f64::max);
         assert!((far(&after.cycles[25]) - farthest).abs() < 1e-9);
         assert!(after.cycles.windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
+    }
+
+    #[test]
+    fn what_drifts_beyond_the_longest_range_is_left_out_and_the_other_anchors_stay() {
+        let (room, mut recording, ..) = befallen(Incident::AnchorOff);
+        // A day later.
+        recording.cycles.iter_mut().skip(1).for_each(|cycle| cycle.time_s += 86_400.0);
+        let before = recording.clone();
+        Incident::AnchorDrifting.befall(&room, &mut recording).unwrap();
+        let anchors = |cycle: &Cycle| cycle.frames.iter().map(|frame| frame.anchor).collect::<Vec<_>>();
+        let missing = before.cycles.iter().zip(&recording.cycles).skip(1).flat_map(|(before, after)| {
+            let left = anchors(after);
+            anchors(before).into_iter().filter(move |anchor| !left.contains(anchor))
+        });
+        let missing: std::collections::BTreeSet<usize> = missing.collect();
+        assert_eq!(missing.len(), 1);
     }
 }

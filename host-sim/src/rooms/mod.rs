@@ -177,7 +177,7 @@ pub struct Restriction {
     pub starts: Vec<Start>,
     /// What interferers do.
     pub interference: Vec<Disturbance>,
-    /// Numbers of anchors, 1 to 8; others allow nothing.
+    /// Numbers of anchors, 1 to 8; a list without any of them allows all as well.
     pub anchors: Vec<usize>,
 }
 

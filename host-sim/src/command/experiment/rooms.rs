@@ -151,7 +151,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     ));
     print_figures("answerable rooms", &summary.trackers_answerable);
     print_figures("all rooms", &summary.trackers);
-    print_claims("answerable rooms", &summary.trackers_answerable);
+    print_claims(&summary.trackers_answerable);
     if let Some(incident) = options.incident {
         print_incident(incident, &summary.trackers);
     }
@@ -291,10 +291,10 @@ fn print_figures(what: &str, trackers: &[TrackerFigures]) {
 }
 
 /// How far a probability above 0.9 can be relied on, of trackers that give one.
-fn print_claims(what: &str, trackers: &[TrackerFigures]) {
-    for tracker in trackers.iter().filter(|tracker| tracker.sure_right_share.is_some()) {
+fn print_claims(answerable: &[TrackerFigures]) {
+    for tracker in answerable.iter().filter(|tracker| tracker.sure_right_share.is_some()) {
         print(&format!(
-            "{}, {what}: where its probability is above 0.9, the error is below 1 m or 3 claimed deviations in {} % of the cycles\n",
+            "{}, answerable rooms: where its probability is above 0.9, the error is below 1 m or 3 claimed deviations in {} % of the cycles\n",
             tracker.name,
             percent(tracker.sure_right_share),
         ));
