@@ -205,14 +205,16 @@ impl Config {
             outages_per_s,
             returns_per_s,
             split_above_m,
-            sure_probability,
+            comparisons,
+            walls_bar_ways: _,
+            walls_hide_paths: _,
         } = *belief;
         within(turns_per_s, 0.0, 10.0, Setting::Turns)?;
         within(elsewhere_per_s, 1e-9, 1.0, Setting::Elsewhere)?;
         within(outages_per_s, 0.0, 10.0, Setting::Outages)?;
         within(returns_per_s, 1e-3, 100.0, Setting::Outages)?;
         within(split_above_m, 0.01, 100.0, Setting::SplitAbove)?;
-        within(sure_probability, 0.5, 0.9999, Setting::SureProbability)?;
+        within(f32::from(comparisons), 1.0, f32::from(u16::MAX), Setting::Comparisons)?;
         let ChannelMemorySettings {
             forgetting_per_s,
             energy_walk_per_s,

@@ -173,7 +173,7 @@ pub enum Setting {
     Elsewhere,
     Outages,
     SplitAbove,
-    SureProbability,
+    Comparisons,
     ChannelMemory,
     DiscoveryBegin,
     DiscoveryHits,

@@ -27,7 +27,10 @@ pub struct CycleReport {
     pub measurements: u32,
     /// Paths or ranges received that were left out because a scan keeps no more than `PATHS`, searching or not.
     pub left_out: u32,
-    /// Of those, how many more likely than not belong to a known feature.
+    /// Components of the belief that counted and found no room: each was joined with the nearest one. There is room for as many as
+    /// the belief has, and for as many as [`crate::perceptor::belief::BeliefSettings::comparisons`] allows.
+    pub crowded_out: u32,
+    /// Of the measurements, how many more likely than not belong to a known feature.
     pub associated: u32,
     /// Whether it is not known (yet, or any more) where the tag is: no place is more probable than all others together.
     pub searching: bool,

@@ -28,8 +28,8 @@ use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::observer::{Observer, Stage};
-use crate::perceptor::belief::TagBelief;
 use crate::perceptor::belief::component::{LEAPT, apart};
+use crate::perceptor::belief::{BeliefSettings, TagBelief};
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
 use crate::radio::library::{Action, Library};
 use crate::report::{CycleReport, MapChanges};
@@ -132,9 +132,10 @@ impl<
 
         observer.stage(Stage::Predict);
         let last = belief.leader().agent();
-        belief.predict(elapsed_s, is_heard.then_some(unheard_s));
+        belief.predict(elapsed_s, unheard_s, scans.len());
         let predicted = belief.leader().agent();
-        let predicted_entropy_nat = position_entropy_nat(&belief.covariance_m2());
+        let silent_s = if is_heard { 0.0 } else { unheard_s };
+        let predicted_entropy_nat = position_entropy_nat(&belief.covariance_m2(silent_s));
         if is_heard {
             // Over the whole time since anything was heard, however many cycles that were.
             discovery.predict(last_heard, &predicted, &config.motion.step(unheard_s));
@@ -143,7 +144,8 @@ impl<
         channel.predict(elapsed_s);
 
         observer.stage(Stage::Associate);
-        let walls = &walls_now(plan, belief.leader(), environment, |wall| transmission.through(wall));
+        let BeliefSettings { walls_bar_ways: bar, walls_hide_paths: hide, .. } = config.belief;
+        let walls = &walls_now(plan, belief.leader(), environment, hide, |wall| transmission.through(wall));
         if is_heard && belief.proposes() {
             let (trusted, phase) = (belief.trusted(), belief.phase());
             let places = propose_places(trusted, &told, environment, channel, clutter, plan, scans, phase);
@@ -170,13 +172,13 @@ impl<
         let was_searching = belief.is_searching();
         if is_heard {
             belief.explain(explained.strong, explained.known);
-            let barrier = &walls_now(plan, belief.leader(), environment, |_| 0.0);
+            let barrier = &walls_now(plan, belief.leader(), environment, bar, |_| 0.0);
             belief.conclude(
                 |from_m, to_m, std_m| barrier.paths(from_m, to_m, std_m).direct(),
                 |place_m, std_m| plan.inside(place_m, std_m),
             );
         } else {
-            belief.sum_up();
+            belief.sum_up(silent_s);
         }
         let posterior = belief.leader().agent();
         let has_leapt = apart(&predicted, &posterior) > LEAPT;
@@ -244,6 +246,7 @@ impl<
             anchors_heard: heard.anchors,
             measurements: heard.measurements,
             left_out: scans.iter().fold(0, |sum, scan| sum + scan.left_out),
+            crowded_out: belief.crowded_out(),
             associated: heard.associated,
             searching,
             lost: searching && !was_searching,

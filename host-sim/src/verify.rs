@@ -90,6 +90,8 @@ pub struct Coverage {
     pub measurements: u64,
     /// Measurements left out because a scan had too many.
     pub left_out: u64,
+    /// Components of the belief that counted and found no room.
+    pub crowded_out: u64,
     /// Virtual anchors discovered.
     pub discovered: u64,
     /// Virtual anchors forgotten.
@@ -582,6 +584,7 @@ impl Comparison {
             ("anchors heard", a.anchors_heard, b.anchors_heard),
             ("measurements", a.measurements, b.measurements),
             ("left out", a.left_out, b.left_out),
+            ("crowded out", a.crowded_out, b.crowded_out),
             ("associated", a.associated, b.associated),
             ("searching", u32::from(a.searching), u32::from(b.searching)),
             ("lost", u32::from(a.lost), u32::from(b.lost)),
@@ -707,6 +710,7 @@ impl Coverage {
         self.paths += watch.estimates.iter().map(|(_, estimate)| estimate.paths.len() as u64).sum::<u64>();
         self.measurements += u64::from(report.measurements);
         self.left_out += u64::from(report.left_out);
+        self.crowded_out += u64::from(report.crowded_out);
         self.discovered += u64::from(report.discovered);
         self.forgotten += u64::from(report.forgotten);
         self.joined += u64::from(report.joined);
@@ -1341,6 +1345,39 @@ mod tests {
         }
         let covered = verified(&setup(&recording), &recording).covered;
         assert!(covered.discovered > 0, "{covered:?}");
+    }
+
+    /// With room for all components, for some, for one; walls that nobody walks through and that hide paths, or not; and silence.
+    #[test]
+    fn what_bounds_the_belief_is_equal() {
+        let mut recording = walled(Kind::Ranges, 200, 0, [0.1, 0.01]);
+        recording.start.position_std_m = 2.0;
+        for cycle in &mut recording.cycles[100..115] {
+            cycle.ranges.clear();
+        }
+        let mut hashes = Vec::new();
+        let free = u16::MAX;
+        for (comparisons, bar, hide) in [
+            (free, true, true),
+            (12, true, true),
+            (6, true, true),
+            (2, true, true),
+            (free, false, true),
+            (free, true, false),
+        ] {
+            let mut setup = setup(&recording);
+            setup.config.belief.comparisons = comparisons;
+            setup.config.belief.walls_bar_ways = bar;
+            setup.config.belief.walls_hide_paths = hide;
+            let covered = verified(&setup, &recording).covered;
+            // Three slots or one hold what there can be.
+            assert!(comparisons != 12 || covered.crowded_out > 0, "{covered:?}");
+            let mut tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
+            let hash =
+                inputs(&recording).map(|input| step(&mut tracker, &input, &mut ()).unwrap().hash).last();
+            assert!(!hashes.contains(&hash), "{comparisons} {bar} {hide}: as another");
+            hashes.push(hash);
+        }
     }
 
     #[test]

@@ -324,7 +324,7 @@ fn configurations_out_of_range_are_refused() {
     refuse(|c| c.belief.outages_per_s = -1.0, Setting::Outages);
     refuse(|c| c.belief.returns_per_s = 0.0, Setting::Outages);
     refuse(|c| c.belief.split_above_m = 0.0, Setting::SplitAbove);
-    refuse(|c| c.belief.sure_probability = 1.0, Setting::SureProbability);
+    refuse(|c| c.belief.comparisons = 0, Setting::Comparisons);
     refuse(|c| c.discovery_settings.begin_below_m = 2.0, Setting::DiscoveryBegin);
     refuse(|c| c.discovery_settings.resolved_hits = 1, Setting::DiscoveryHits);
     refuse(|c| c.discovery_settings.resolved_weight = 1.0, Setting::DiscoveryWeight);

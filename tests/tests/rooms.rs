@@ -70,6 +70,35 @@ fn incidents_befall_rooms_of_so_many_anchors_and_are_judged() {
     assert_eq!(run(&format!("{rooms} --incident fire")).status.code(), Some(2));
 }
 
+#[test]
+fn settings_of_the_belief_are_changed_by_name_and_said() {
+    let folder = Folder::new("rooms-settings");
+    let run = |arguments: &str| cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
+    let rooms =
+        "experiment rooms --count 1 --seed 41 --anchors 2 --plan 0.1 --start 1 --only cogmint,told --json";
+    let answer = |settings: &str| -> Value {
+        let output = run(&format!("{rooms}{settings}"));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).expect("is one JSON object")
+    };
+    let usual = answer("");
+    assert!(usual.get("belief").is_none());
+    for setting in ["components=2", "walls_hide_paths=0", "turns_per_s=0"] {
+        let changed = answer(&format!(" --belief {setting}"));
+        assert_eq!(changed["belief"], serde_json::json!([setting]));
+        let errors = |answer: &Value, tracker: &str| -> Vec<Value> {
+            let runs = answer["runs"].as_array().unwrap().iter();
+            runs.filter(|run| run["tracker"] == tracker).map(|run| run["rmse_m"].clone()).collect()
+        };
+        assert_ne!(errors(&changed, "cogmint"), errors(&usual, "cogmint"), "{setting}");
+        assert_eq!(errors(&changed, "told"), errors(&usual, "told"), "{setting}");
+    }
+    // What is no setting, and what is out of range.
+    assert_eq!(run(&format!("{rooms} --belief mood=1")).status.code(), Some(2));
+    assert_eq!(run(&format!("{rooms} --belief components=0")).status.code(), Some(2));
+    assert_eq!(run(&format!("{rooms} --belief split_above_m=-1")).status.code(), Some(2));
+}
+
 /// The yardstick itself: in answerable rooms whoever is told the associations keeps the tag, and says how well.
 #[test]
 fn told_associations_keep_the_tag_in_answerable_rooms() {

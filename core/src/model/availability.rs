@@ -66,6 +66,8 @@ impl WallNow {
 #[derive(Clone, Debug)]
 pub struct Walls<'a, const SEGMENTS: usize> {
     walls: Vec<Standing<'a>, SEGMENTS>,
+    /// Whether they hide paths, and end where the plan tells.
+    hide: bool,
 }
 
 /// A wall as it stands, with its segments.
@@ -145,7 +147,13 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
             let (segments, half_m, reach_m) = (plan.segments_of(wall), wall.half_length_m, SURE * std_m);
             let _ = walls.push(Standing { now, segments, half_m, reach_m });
         }
-        Self { walls }
+        Self { walls, hide: true }
+    }
+
+    /// The same, every path being available if its walls are there at all.
+    #[must_use]
+    pub fn open(self) -> Self {
+        Self { hide: false, ..self }
     }
 
     /// The paths from an anchor to a place known within `std_m` per axis.
@@ -185,6 +193,9 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
 impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
     /// Availability (0 to 1) of the direct path: the product over all walls of what each lets through.
     pub fn direct(&self) -> f32 {
+        if !self.walls.hide {
+            return 1.0;
+        }
         self.through(&[self.anchor, self.tag, self.tag, self.tag], ANCHOR, [usize::MAX; 2]).0
     }
 
@@ -202,6 +213,9 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
         let last = second.unwrap_or(first);
         let (Some(wall), Some(last_wall)) = (walls.get(first), walls.get(last)) else { return (0.0, 0.0) };
         let mut corners = [self.anchor, self.tag, self.tag, self.tag];
+        if !self.walls.hide {
+            return (1.0, 0.0);
+        }
         let [anchor, outer, inner, _] = &mut corners;
         let image_m = if second.is_some() { wall.now.line.mirrored_m(anchor.at_m) } else { anchor.at_m };
         let [mut sides, mut within] = last_wall.bounce(image_m, inner);

@@ -73,7 +73,8 @@ impl<
         let Self { config, anchors, plan, library, environment, channel, .. } = self;
         let filter = self.filter();
         let told = Told { config, anchors, library, tag_height };
-        let walls = &walls_now(plan, filter, environment, |wall| self.transmission.through(wall));
+        let hide = config.belief.walls_hide_paths;
+        let walls = &walls_now(plan, filter, environment, hide, |wall| self.transmission.through(wall));
         let known = Known { filter, environment, channel, plan, walls };
         let std_m = Place::of(&filter.agent()).std_m;
         let sources = |position_m: [f32; 2]| {
@@ -123,9 +124,9 @@ impl<
     /// Probability that the plan lets the path of a source through to a place (metres) that is known as well as the tag's is;
     /// 1 without a plan, 0 for a source that there is not.
     pub fn availability(&self, source: Source, place_m: [f32; 2]) -> f32 {
-        let Self { anchors, plan, environment, channel, .. } = self;
-        let filter = self.filter();
-        let walls = &walls_now(plan, filter, environment, |wall| self.transmission.through(wall));
+        let Self { config, anchors, plan, environment, channel, .. } = self;
+        let (filter, hide) = (self.filter(), config.belief.walls_hide_paths);
+        let walls = &walls_now(plan, filter, environment, hide, |wall| self.transmission.through(wall));
         let known = Known { filter, environment, channel, plan, walls };
         let Some(anchor) = anchors.get(source.anchor()) else { return 0.0 };
         let paths = walls.paths(anchor.position_m, place_m, Place::of(&filter.agent()).std_m);

@@ -65,8 +65,8 @@ impl Place {
     }
 }
 
-/// The plan with its walls as they stand now, as far as they are believed to be there; `through` is the share that a wall lets
-/// through if it is.
+/// The plan with its walls as they stand now, as far as they are believed to be there; whether they `hide` paths at all, and the
+/// share that a wall lets `through` if it is there.
 pub(super) fn walls_now<
     'a,
     const ANCHORS: usize,
@@ -77,9 +77,10 @@ pub(super) fn walls_now<
     plan: &'a FloorPlan<SEGMENTS>,
     filter: &StateFilter<ANCHORS, SURFACES>,
     environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    hide: bool,
     through: impl Fn(usize) -> f32,
 ) -> Walls<'a, SEGMENTS> {
-    Walls::new(plan, |index, wall| {
+    let walls = Walls::new(plan, |index, wall| {
         let slot = wall.surface.map(usize::from);
         let (line, std_m) = match slot.and_then(|slot| filter.surface(slot)) {
             Some((_, state, c)) => (wall.line.moved(state.x, state.y), sqrt(larger(c.m11, 0.0))),
@@ -88,7 +89,8 @@ pub(super) fn walls_now<
         let existence =
             slot.and_then(|slot| environment.surface(slot)).map_or(1.0, |record| record.existence);
         WallNow { line, std_m, through: 1.0 - existence * (1.0 - through(index)) }
-    })
+    });
+    if hide { walls } else { walls.open() }
 }
 
 /// What is known of tag, map and channels.

@@ -5,7 +5,7 @@
 
 use super::association::{Clutter, Measurement};
 use super::clock::probability;
-use super::motion::{Agent, PX, PY, VX, VY};
+use super::motion::{Agent, PX, PY, ProcessNoise, VX, VY};
 use super::outage::{Outages, weigh};
 use super::proposal::{self, Proposal};
 use super::real::{Real, exp, larger, ln, smaller, sqrt, square, tau};
@@ -20,7 +20,7 @@ use cogmint_core::perceptor::belief::reduction::{LEAST_SHARE, PROTECTED};
 use cogmint_core::perceptor::belief::summary::{DEVIATIONS, LEAST_MOMENT_M2, LIGHTEST_NAT, WITHIN_M};
 use cogmint_core::perceptor::belief::{
     BeliefSettings, CHILDREN_NAT, COUNTS_NAT, DROPPED_NAT, EXPLAINED_BELOW, EXPLAINED_GAIN, KNOWN, LEAST_NAT,
-    OUT, PLACE_M, SETTLED,
+    OUT, PLACE_M, SETTLED, SURE,
 };
 use std::fmt;
 
@@ -57,6 +57,10 @@ pub struct Summary<T> {
 pub struct Belief<T> {
     settings: BeliefSettings,
     capacity: usize,
+    /// Of these, how many a cycle has work for.
+    slots: usize,
+    /// Components that counted and found no room in this cycle.
+    pub crowded_out: u32,
     /// Variance of a velocity of which nothing is known, per axis.
     speed_m2_s2: T,
     /// The components.
@@ -105,6 +109,8 @@ impl<T: Real> Belief<T> {
         Self {
             settings,
             capacity,
+            slots: capacity,
+            crowded_out: 0,
             speed_m2_s2: square(T::of(velocity_std_m_s)),
             components: vec![first],
             leader: 0,
@@ -144,7 +150,7 @@ impl<T: Real> Belief<T> {
 
     /// Whether memories and map may be judged.
     pub fn is_sure(&self) -> bool {
-        self.summary.probability > T::of(self.settings.sure_probability)
+        self.summary.probability > T::of(SURE)
     }
 
     /// Whether places are proposed in this cycle.
@@ -157,13 +163,20 @@ impl<T: Real> Belief<T> {
         proposal::phase(self.heard)
     }
 
-    /// `dt` seconds later; `unheard_s` is the time since anything was heard, where something is.
-    pub fn predict(&mut self, dt: T, unheard_s: Option<T>) {
+    /// `dt` seconds later; `unheard_s` is the time since anything was heard, in which so many `scans` are heard now.
+    pub fn predict(&mut self, dt: T, unheard_s: T, scans: usize) {
+        self.crowded_out = 0;
         for component in &mut self.components {
             component.filter.predict(dt);
         }
-        let Some(unheard_s) = unheard_s else { return };
+        if scans == 0 {
+            return;
+        }
         self.heard = self.heard.wrapping_add(1);
+        self.slots = (usize::from(self.settings.comparisons) / scans).min(self.capacity).max(1);
+        if self.components.len() > self.slots {
+            self.reduce();
+        }
         let floor = T::of(f32::MIN_POSITIVE);
         let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
         let moved_nat = self.total_nat() + ln(larger(elsewhere, floor));
@@ -207,7 +220,7 @@ impl<T: Real> Belief<T> {
     /// How many components there may be without taking the place of newcomers.
     fn room(&self) -> usize {
         let newcomers = self.components.iter().filter(|component| component.age < PROTECTED).count();
-        self.capacity - (self.capacity / 4).saturating_sub(newcomers)
+        self.slots - (self.slots / 4).saturating_sub(newcomers)
     }
 
     /// A wide component becomes three along its longest axis.
@@ -255,7 +268,7 @@ impl<T: Real> Belief<T> {
         // The share of the region.
         let share = tau::<T>() * sqrt(along * across) / self.region.area_m2;
         let weight_nat = self.anywhere_nat + ln(smaller(share, T::ONE));
-        if self.components.len() < self.capacity {
+        if self.components.len() < self.slots {
             let (from_m, hindrance_nat) = (filter.position_m(), T::ZERO);
             let outages = self.outages.clone();
             self.components.push(Component { filter, weight_nat, age: 0, outages, from_m, hindrance_nat });
@@ -290,9 +303,8 @@ impl<T: Real> Belief<T> {
                 continue;
             }
             let half = |count: usize| count.div_ceil(2).max(1);
-            let fits =
-                if is_new { newcomers < half(self.capacity / 2) } else { established < half(self.capacity) };
-            if fits {
+            let fits = if is_new { newcomers < half(self.slots / 2) } else { established < half(self.slots) };
+            if fits && kept.len() < self.slots {
                 kept.push(index);
                 newcomers += usize::from(is_new);
                 established += usize::from(!is_new);
@@ -305,6 +317,7 @@ impl<T: Real> Belief<T> {
                     }
                 }
                 if let Some((other, _)) = nearest {
+                    self.crowded_out += 1;
                     self.merge(other, index);
                 }
             }
@@ -356,7 +369,7 @@ impl<T: Real> Belief<T> {
             }
             component.weight_nat -= total;
         }
-        self.summarise();
+        self.summarise(T::ZERO);
         self.is_doubtful =
             self.summary.probability < T::of(SETTLED) || self.explained < T::of(EXPLAINED_BELOW);
         let is_known = self.summary.probability > T::of(SETTLED);
@@ -365,15 +378,29 @@ impl<T: Real> Belief<T> {
         }
     }
 
-    /// The components' weights and tags.
-    fn places(&self) -> (Vec<T>, Vec<Agent<T>>) {
+    /// The components' weights and tags. Where nothing was heard for so long, the tag may have turned: that widens what is not yet
+    /// as wide as the region.
+    fn places(&self, unheard_s: T) -> (Vec<T>, Vec<Agent<T>>) {
+        let turned = probability(self.settings.turns_per_s, unheard_s);
+        let turn_m2 = turned * ProcessNoise::of_turn(self.speed_m2_s2, unheard_s).position;
+        let [xx, _, yy] = self.region.covariance_m2;
+        let most_m2 = T::of(0.5) * (xx + yy);
         let weights = self.components.iter().map(|component| exp(component.weight_nat)).collect();
-        (weights, self.components.iter().map(|component| component.filter.agent()).collect())
+        let mut agents: Vec<Agent<T>> =
+            self.components.iter().map(|component| component.filter.agent()).collect();
+        for agent in &mut agents {
+            let own_m2 = T::of(0.5) * spread_m2(agent);
+            let more_m2 = smaller(turn_m2, larger(most_m2 - own_m2, T::ZERO));
+            for axis in [PX, PY] {
+                agent.covariance[axis][axis] += more_m2;
+            }
+        }
+        (weights, agents)
     }
 
-    /// Mean and covariance over all places.
-    pub fn moments(&self) -> ([T; 2], Square<T>) {
-        let (weights, agents) = self.places();
+    /// Mean and covariance over all places, where nothing was heard for so long.
+    pub fn moments(&self, unheard_s: T) -> ([T; 2], Square<T>) {
+        let (weights, agents) = self.places(unheard_s);
         let anywhere = exp(self.anywhere_nat);
         let mut mean = self.region.centre_m.map(|centre| anywhere * centre);
         for (weight, agent) in weights.iter().zip(&agents) {
@@ -396,11 +423,11 @@ impl<T: Real> Belief<T> {
         (mean, covariance_m2)
     }
 
-    /// Position, probability and covariance.
-    pub fn summarise(&mut self) {
+    /// Position, probability and covariance, where nothing was heard for so long.
+    pub fn summarise(&mut self, unheard_s: T) {
         let num = T::of;
-        let (weights, agents) = self.places();
-        let (mean, covariance_m2) = self.moments();
+        let (weights, agents) = self.places(unheard_s);
+        let (mean, covariance_m2) = self.moments(unheard_s);
         let mut summary = Summary { position_m: mean, probability: T::ZERO, covariance_m2 };
         let mut most = T::ZERO;
         for (component, agent) in self.components.iter().zip(&agents) {

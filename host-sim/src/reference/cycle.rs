@@ -64,6 +64,8 @@ pub struct Report<T> {
     pub anchors_heard: u32,
     pub measurements: u32,
     pub left_out: u32,
+    /// Components that counted and found no room.
+    pub crowded_out: u32,
     pub associated: u32,
     pub searching: bool,
     pub lost: bool,
@@ -206,9 +208,9 @@ impl<T: Real> Reference<T> {
         let last = belief.leading().agent();
         let unheard_s = receiver.unheard_s(&scans);
         let is_heard = !scans.is_empty();
-        belief.predict(elapsed_s, is_heard.then_some(unheard_s));
+        belief.predict(elapsed_s, unheard_s, scans.len());
         let predicted = belief.leading().agent();
-        let (_, predicted_m2) = belief.moments();
+        let (_, predicted_m2) = belief.moments(if is_heard { T::ZERO } else { unheard_s });
         if is_heard {
             discovery.predict(last_heard, &predicted, &MotionStep::new(&config.motion, unheard_s));
         }
@@ -273,11 +275,16 @@ impl<T: Real> Reference<T> {
             belief.explain(strong, explained);
             let barrier = walls_now(plan, belief.leading(), environment, |_| T::ZERO);
             belief.conclude(
-                |from_m, to_m, std_m| availability(&barrier, from_m, &[], to_m, std_m),
+                |from_m, to_m, std_m| {
+                    if !config.belief.walls_bar_ways {
+                        return T::ONE;
+                    }
+                    availability(&barrier, from_m, &[], to_m, std_m)
+                },
                 |place_m, std_m| plan.inside(place_m, std_m),
             );
         } else {
-            belief.summarise();
+            belief.summarise(unheard_s);
         }
         let posterior = belief.leading().agent();
         let has_leapt = apart(&predicted, &posterior) > T::of(LEAPT);
@@ -324,6 +331,7 @@ impl<T: Real> Reference<T> {
             reward: earned,
             anchors_heard: certain.len() as u32,
             measurements: free.len() as u32,
+            crowded_out: belief.crowded_out,
             left_out: heard.iter().map(|scan| scan.left_out).sum(),
             associated: free.iter().filter(|free| **free <= T::of(0.5)).count() as u32,
             searching,

@@ -160,7 +160,7 @@ impl<T: Real> Known<'_, T> {
         let place = Place::of(&self.filter.agent());
         let mut expected = Vec::new();
         for source in self.environment.sources_of(scan.anchor) {
-            let (availability, sequence) = self.available(sight.anchor_m, source, &place);
+            let (availability, sequence) = self.available(told, source, &place);
             let regression = self.filter.regress(source, &sight, sequence.as_ref());
             let prospect = Prospect { source, range_m: Some(regression.range_m), availability };
             let Detection { probability, found, sighting, lasting } =
@@ -195,7 +195,13 @@ impl<T: Real> Known<'_, T> {
 
     /// Probability that the plan lets the path of a source through to a place, and the order in which it meets its surfaces
     /// there. A surface that is no wall of the plan ends nowhere, and nothing is in front of it.
-    pub fn available(&self, anchor_m: [T; 2], source: Source, place: &Place<T>) -> (T, Option<Sequence>) {
+    pub fn available(&self, told: &Told<'_, T>, source: Source, place: &Place<T>) -> (T, Option<Sequence>) {
+        let (availability, sequence) = self.hidden(told.sight(source.anchor()).anchor_m, source, place);
+        (if told.config.belief.walls_hide_paths { availability } else { T::ONE }, sequence)
+    }
+
+    /// The same where the walls hide paths.
+    fn hidden(&self, anchor_m: [T; 2], source: Source, place: &Place<T>) -> (T, Option<Sequence>) {
         let Place { position_m, std_m } = *place;
         let available = |walls: &[usize]| availability(self.walls, anchor_m, walls, position_m, std_m);
         let Some(sequence) = self.environment.sequence(source) else { return (available(&[]), None) };
@@ -221,7 +227,7 @@ impl<T: Real> Known<'_, T> {
             direct.chain(images.filter(|image| self.environment.existence(*image) > T::of(CONFIRMED)))
         {
             let sight = told.sight(source.anchor());
-            let (availability, sequence) = self.available(sight.anchor_m, source, place);
+            let (availability, sequence) = self.available(told, source, place);
             let (position_m, covariance_m2) = match sequence {
                 None => (sight.anchor_m, [[T::ZERO; 2]; 2]),
                 Some(sequence) => self.filter.placed(sight.anchor_m, &sequence),

@@ -24,9 +24,9 @@ use self::component::Component;
 use self::outage::Outages;
 use self::proposal::Proposal;
 use self::reduction::PROTECTED;
-use self::summary::{Summary, moments};
+use self::summary::{Summary, Turned, moments};
 use crate::model::clock::probability;
-use crate::model::motion::Agent;
+use crate::model::motion::{Agent, ProcessNoise};
 use crate::model::region::Region;
 use crate::perceptor::association::outage::weigh;
 use crate::perceptor::state_filter::StateFilter;
@@ -50,9 +50,14 @@ pub struct BeliefSettings {
     pub outages_per_s: f32,
     /// How soon an outage ends, per second (1e-3 to 100). More believes an anchor sooner.
     pub returns_per_s: f32,
-    /// Probability of the leading place from which on memories and map are judged from it (0.5 to 0.9999). Less: a map learnt at
-    /// wrong places. More: one that is not learnt.
-    pub sure_probability: f32,
+    /// How often a component is compared with a scan in a cycle at most (1 to 65,535), a component and a scan once at least: what
+    /// bounds the work. Where more is heard, fewer components are carried. Less: a lost tag is found later, and one of two places
+    /// may be dropped.
+    pub comparisons: u16,
+    /// Whether nobody walks through the walls of the plan.
+    pub walls_bar_ways: bool,
+    /// Whether the walls of the plan hide paths, and end where it tells.
+    pub walls_hide_paths: bool,
 }
 
 impl Default for BeliefSettings {
@@ -63,7 +68,9 @@ impl Default for BeliefSettings {
             split_above_m: 0.2,
             outages_per_s: 0.2,
             returns_per_s: 5.0,
-            sure_probability: 0.9,
+            comparisons: 64,
+            walls_bar_ways: true,
+            walls_hide_paths: true,
         }
     }
 }
@@ -74,6 +81,9 @@ pub const KNOWN: f32 = 0.5;
 pub const OUT: f32 = 0.5;
 /// Guard: against weights that are no numbers: least weight of anywhere, nats.
 pub const LEAST_NAT: f32 = -80.0;
+/// Tuned: probability of the leading place from which on memories and map are judged from it. Less: a map learnt at wrong places.
+/// More: one that is not learnt.
+pub const SURE: f32 = 0.9;
 /// Tuned: places nearer to each other than this are one, metres.
 pub const PLACE_M: f32 = 0.3;
 /// Tuned: probability of the leading place from which on the tag is settled there; below, newcomers are needed.
@@ -97,6 +107,10 @@ pub struct TagBelief<const ANCHORS: usize, const SURFACES: usize, const COMPONEN
     /// Variance per axis of a velocity that nothing is known of.
     speed_m2_s2: f32,
     components: Vec<Component<ANCHORS, SURFACES>, COMPONENTS>,
+    /// How many of them a cycle has work for.
+    slots: usize,
+    /// How many of those that count found no room in this cycle.
+    crowded_out: u32,
     /// Index of the heaviest.
     leader: usize,
     /// The state while the tag was last known: the map of newcomers.
@@ -137,6 +151,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             settings,
             speed_m2_s2: speed_m_s * speed_m_s,
             components,
+            slots: COMPONENTS,
+            crowded_out: 0,
             leader: 0,
             trusted: filter,
             summary,
@@ -212,7 +228,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
 
     /// Whether the place is known well enough to judge memories and map from it.
     pub fn is_sure(&self) -> bool {
-        self.summary.probability > self.settings.sure_probability
+        self.summary.probability > SURE
     }
 
     /// Whether newcomers are needed, by what was heard last: prediction alone makes a place wider, not doubtful.
@@ -224,15 +240,27 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.summary.probability < SETTLED || self.explained < EXPLAINED_BELOW
     }
 
-    /// Moves all components `elapsed_s` seconds ahead. Where anything is heard again, `unheard_s` seconds after the last time,
-    /// the tag may have turned since.
+    /// How many components that counted found no room in this cycle: each was joined with the nearest one.
+    pub fn crowded_out(&self) -> u32 {
+        self.crowded_out
+    }
+
+    /// Moves all components `elapsed_s` seconds ahead. Where anything is heard again, so many `scans` and `unheard_s` seconds after
+    /// the last time, the tag may have turned since.
     #[inline(never)]
-    pub fn predict(&mut self, elapsed_s: f32, unheard_s: Option<f32>) {
+    pub fn predict(&mut self, elapsed_s: f32, unheard_s: f32, scans: usize) {
+        self.crowded_out = 0;
         for component in &mut self.components {
             component.filter.predict(elapsed_s);
         }
-        let Some(unheard_s) = unheard_s else { return };
+        if scans == 0 {
+            return;
+        }
         self.heard = self.heard.wrapping_add(1);
+        self.slots = (usize::from(self.settings.comparisons) / scans).clamp(1, COMPONENTS);
+        if self.components.len() > self.slots {
+            self.reduce();
+        }
         // A share of everything turns out to be anywhere else.
         let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
         let left_nat = ln(larger(1.0 - elsewhere, f32::MIN_POSITIVE));
@@ -276,7 +304,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     ) {
         let least = self.best_nat() - within_nat;
         let newcomers = self.components.iter().filter(|component| component.age < PROTECTED).count();
-        let room = COMPONENTS.saturating_sub((COMPONENTS / 4).saturating_sub(newcomers));
+        let room = self.slots.saturating_sub((self.slots / 4).saturating_sub(newcomers));
         for &index in &self.order() {
             let first = self.components.len();
             if first + 2 > room {
@@ -331,7 +359,9 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         let share = core::f32::consts::TAU * sqrt(along * across) / self.region.area_m2;
         let weight_nat = self.anywhere_nat + ln(smaller(share, 1.0));
         // Where there is no room, it is left out.
-        let _ = self.components.push(Component::newcomer(filter, weight_nat, self.outages));
+        if self.components.len() < self.slots {
+            let _ = self.components.push(Component::newcomer(filter, weight_nat, self.outages));
+        }
     }
 
     /// The components, to be compared and updated.
@@ -368,21 +398,31 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             }
             component.weight_nat -= total;
         }
-        self.sum_up();
+        self.sum_up(0.0);
         self.is_doubtful = self.doubts();
         if self.summary.probability > SETTLED && self.summary.variance_m2() < PLACE_M * PLACE_M {
             self.trusted = self.leader().clone();
         }
     }
 
-    /// Covariance over all places as they stand, square metres.
-    pub fn covariance_m2(&self) -> Matrix2<f32> {
-        moments(&self.components, &self.region, exp(self.anywhere_nat)).1
+    /// Covariance over all places as they stand, square metres, where nothing was heard for so long.
+    pub fn covariance_m2(&self, unheard_s: f32) -> Matrix2<f32> {
+        moments(&self.components, self.turned(unheard_s), &self.region, exp(self.anywhere_nat)).1
     }
 
-    /// Sums up what is believed: all that is done in a cycle in which nothing was heard.
-    pub fn sum_up(&mut self) {
-        self.summary = Summary::of(&self.components, &self.region, exp(self.anywhere_nat));
+    /// That the tag may have turned while nothing was heard: who turned is farther from where the others are, by chance in any
+    /// direction, but hardly outside of the region.
+    fn turned(&self, unheard_s: f32) -> Turned {
+        let [xx, _, yy] = self.region.covariance_m2;
+        let noise = ProcessNoise::of_turn(self.speed_m2_s2, unheard_s);
+        let position_m2 = probability(self.settings.turns_per_s, unheard_s) * noise.position_m2;
+        Turned { position_m2, most_m2: 0.5 * (xx + yy) }
+    }
+
+    /// Sums up what is believed: all that is done in a cycle in which nothing was heard, as nothing was for `unheard_s` seconds.
+    pub fn sum_up(&mut self, unheard_s: f32) {
+        let turned = self.turned(unheard_s);
+        self.summary = Summary::of(&self.components, turned, &self.region, exp(self.anywhere_nat));
     }
 
     /// The map of the leader is changed, and the others follow: what surfaces are new or other in it, they take over as independent
@@ -545,7 +585,7 @@ mod tests {
 
         /// One cycle in which so many anchors are heard from a tag here. Returns how far off it is believed to be, metres.
         fn hear(&mut self, anchors: usize, truth_m: [f32; 2]) -> f32 {
-            self.belief.predict(CYCLE_S, Some(CYCLE_S));
+            self.belief.predict(CYCLE_S, CYCLE_S, anchors);
             let scans: std::vec::Vec<Scan<4>> =
                 (0..anchors).map(|anchor| self.scan(anchor, truth_m)).collect();
             let belief = &mut self.belief;
@@ -784,7 +824,7 @@ mod tests {
     fn children_share_the_weight_of_their_parents_and_leave_room_for_newcomers() {
         let settings = BeliefSettings { elsewhere_per_s: 1e-9, ..BeliefSettings::default() };
         let mut narrow = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.05), SPEED_M_S, REGION, settings);
-        narrow.predict(0.1, Some(0.1));
+        narrow.predict(0.1, 0.1, 1);
         let weights: std::vec::Vec<f32> =
             narrow.components().iter().map(|own| own.weight_nat.exp()).collect();
         // 1 - e^-0.02: nobody turned, or somebody did.
@@ -793,12 +833,12 @@ mod tests {
         assert_eq!(narrow.components()[1].filter.velocity_m_s(), [0.0, 0.0]);
         // Where nothing is heard, nobody is known to have turned.
         let mut unheard = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, REGION, settings);
-        unheard.predict(0.1, None);
+        unheard.predict(0.1, 0.1, 0);
         assert_eq!((unheard.components().len(), unheard.components()[0].age), (1, u16::MAX));
         // Split in three, two of which turned: two children would take the quarter of the slots that stays free.
         let mut wide = TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.5), SPEED_M_S, REGION, settings);
         for count in [5, 5] {
-            wide.predict(0.1, Some(0.1));
+            wide.predict(0.1, 0.1, 1);
             assert_eq!(wide.components().len(), count);
             assert!(wide.total_nat().abs() < 1e-5, "{}", wide.total_nat());
         }
@@ -811,6 +851,66 @@ mod tests {
             };
             wide.enter(&place);
             assert_eq!(wide.components().len(), count);
+        }
+    }
+
+    #[test]
+    fn a_tag_that_may_have_turned_unheard_is_claimed_to_be_farther_off() {
+        let mut belief =
+            TagBelief::<3, 2, 8>::new(filter([0.0, 0.0], 0.3), SPEED_M_S, REGION, BeliefSettings::default());
+        belief.sum_up(0.0);
+        let [mut claimed_m2, mut probability] = [0.0, 1.0];
+        for unheard_s in [0.0_f32, 0.5, 2.0, 10.0, 3600.0] {
+            let mut unheard = belief.clone();
+            unheard.sum_up(unheard_s);
+            let turned = -f64::from(-0.2 * unheard_s).exp_m1();
+            let exact = turned * f64::from(SPEED_M_S * SPEED_M_S * unheard_s * unheard_s) / 3.0;
+            let [xx, _, yy] = REGION.covariance_m2.map(f64::from);
+            let exact = 0.18 + 2.0 * exact.min(0.5 * (xx + yy) - 0.09);
+            let found = f64::from(unheard.summary().variance_m2());
+            assert!((found - exact).abs() < 1e-4 * exact, "{unheard_s} s: {found} {exact}");
+            // Wider and less sure, and nothing but the summary has changed.
+            assert!(
+                unheard.summary().variance_m2() > claimed_m2 && unheard.summary().probability < probability
+            );
+            (claimed_m2, probability) = (unheard.summary().variance_m2(), unheard.summary().probability);
+            unheard.sum_up(0.0);
+            assert_eq!(unheard.summary(), belief.summary());
+        }
+    }
+
+    #[test]
+    fn a_cycle_compares_no_more_than_it_is_told_to_and_says_what_found_no_room() {
+        for (comparisons, scans, most) in
+            [(100, 2, 8), (16, 2, 8), (15, 2, 7), (6, 2, 3), (3, 2, 1), (1, 3, 1)]
+        {
+            let settings = BeliefSettings { comparisons, split_above_m: 0.1, ..BeliefSettings::default() };
+            let start = filter([4.0, 0.0], 3.0);
+            let mut belief = TagBelief::<3, 2, 8>::new(start, SPEED_M_S, REGION, settings);
+            let mut crowded_out = 0;
+            for _ in 0..10 {
+                belief.predict(0.1, 0.1, scans);
+                for x in [3.0, 9.0, 15.0] {
+                    belief.enter(&Proposal {
+                        position_m: [x, 4.0],
+                        radial: [1.0, 0.0],
+                        variance_m2: [0.04; 2],
+                        evidence_nat: 0.0,
+                    });
+                }
+                assert!(belief.components().len() <= most, "{comparisons} {scans}");
+                let before = belief.covariance_m2(0.0);
+                belief.reduce();
+                // What finds no room stays in the spread.
+                let after = belief.covariance_m2(0.0);
+                assert!((after - before).abs().max() < 0.02 * before.max() + 0.1, "{before} {after}");
+                belief.conclude(|_, _, _| 1.0, |_, _| 1.0);
+                let total = sum_nat(belief.total_nat(), belief.anywhere_nat);
+                assert!(total.abs() < 1e-4, "{total}");
+                crowded_out += belief.crowded_out();
+            }
+            // The only one has no children.
+            assert_eq!(crowded_out > 0, most > 1, "{comparisons} {scans}");
         }
     }
 
@@ -831,7 +931,7 @@ mod tests {
             for x in [200.0, 200.1, 400.0] {
                 belief.components.push(Component::newcomer(walking(x), -8.0, belief.outages)).unwrap();
             }
-            belief.predict(gap_s, Some(gap_s));
+            belief.predict(gap_s, gap_s, 1);
             belief.conclude(|_, _, _| 1.0, |_, _| 1.0);
             let places: f32 = belief.components().iter().map(|own| own.weight_nat.exp()).sum();
             let total = places + belief.anywhere_nat.exp();

@@ -14,8 +14,10 @@ pub const LEAST_SHARE: f32 = 1e-4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fate {
     Kept,
-    /// Becomes part of another.
+    /// Becomes part of another, with which it is one.
     Merged(usize),
+    /// Counts, finds no room and becomes part of the nearest.
+    Crowded(usize),
     Dropped,
 }
 
@@ -42,19 +44,23 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         order
     }
 
-    /// Merges what is one and keeps the heaviest: established ones in half of the slots and newcomers in a quarter, each rounded
-    /// up.
+    /// Merges what is one and keeps the heaviest: established ones in half of the slots that the cycle has work for and newcomers in
+    /// a quarter, each rounded up.
     #[inline(never)]
     pub fn reduce(&mut self) {
         let order = self.order();
         let best = self.best_nat();
         let mut kept: Vec<usize, COMPONENTS> = Vec::new();
-        let (mut established, mut newcomers) = (0, 0);
+        let (mut established, mut newcomers, mut crowded_out) = (0, 0, 0);
         let mut is_kept = [false; COMPONENTS];
         for &index in &order {
             match self.fate(index, best, &kept, established, newcomers) {
                 Fate::Dropped => {}
                 Fate::Merged(other) => self.merge(other, index),
+                Fate::Crowded(other) => {
+                    self.merge(other, index);
+                    crowded_out += 1;
+                }
                 Fate::Kept => {
                     let is_new = self.components.get(index).is_some_and(|own| own.age < PROTECTED);
                     newcomers += usize::from(is_new);
@@ -67,6 +73,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 }
             }
         }
+        self.crowded_out += crowded_out;
         let mut flags = is_kept.iter();
         self.components.retain(|_| flags.next().copied().unwrap_or(false));
         if self.components.is_empty() {
@@ -91,11 +98,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             return Fate::Merged(other);
         }
         let fits = if is_new {
-            newcomers < larger_half(COMPONENTS / 2)
+            newcomers < larger_half(self.slots / 2)
         } else {
-            established < larger_half(COMPONENTS)
+            established < larger_half(self.slots)
         };
-        if fits {
+        if fits && kept.len() < self.slots {
             return Fate::Kept;
         }
         if is_new || behind > COUNTS_NAT {
@@ -108,7 +115,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 nearest = Some((other, distance));
             }
         }
-        nearest.map_or(Fate::Dropped, |(other, _)| Fate::Merged(other))
+        nearest.map_or(Fate::Dropped, |(other, _)| Fate::Crowded(other))
     }
 
     /// Makes component `from` part of component `into`.

@@ -4,7 +4,7 @@ use super::PLACE_M;
 use super::component::Component;
 use crate::model::motion::Agent;
 use crate::model::region::Region;
-use crate::real::{exp, larger};
+use crate::real::{exp, larger, smaller};
 use nalgebra::Matrix2;
 
 /// Mathematics: components are one place where they are nearer than so many deviations of the one, squared, per axis, beyond
@@ -17,6 +17,30 @@ pub const WITHIN_M: f32 = 1.0;
 pub const LEAST_MOMENT_M2: f32 = 1e-4;
 /// Guard: against work on what does not count: components lighter than this lead no place, nats.
 pub const LIGHTEST_NAT: f32 = -4.0;
+
+/// That the tag may have turned since it was last heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Turned {
+    /// What that adds to the variance of its position, per axis, square metres.
+    pub(super) position_m2: f32,
+    /// The variance per axis up to which it does.
+    pub(super) most_m2: f32,
+}
+
+impl Turned {
+    /// The covariance of a component's position, square metres.
+    fn position_covariance_m2<const ANCHORS: usize, const SURFACES: usize>(
+        &self,
+        component: &Component<ANCHORS, SURFACES>,
+    ) -> Matrix2<f32> {
+        let mut c = component.filter.position_covariance_m2();
+        let room_m2 = larger(self.most_m2 - 0.5 * (c.m11 + c.m22), 0.0);
+        let more_m2 = smaller(self.position_m2, room_m2);
+        c.m11 += more_m2;
+        c.m22 += more_m2;
+        c
+    }
+}
 
 /// The leading place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,18 +64,20 @@ impl Summary {
         }
     }
 
-    /// Of components, and of a tag that is `anywhere` in a region with this probability; all of it sums up to 1.
+    /// Of components that may have `turned`, and of a tag that is `anywhere` in a region with this probability; all of it sums up
+    /// to 1.
     pub(super) fn of<const ANCHORS: usize, const SURFACES: usize>(
         components: &[Component<ANCHORS, SURFACES>],
+        turned: Turned,
         region: &Region,
         anywhere: f32,
     ) -> Self {
-        let (position_m, covariance_m2) = moments(components, region, anywhere);
+        let (position_m, covariance_m2) = moments(components, turned, region, anywhere);
         let mut summary = Self { position_m, probability: 0.0, covariance_m2 };
         let mut most = 0.0;
         for component in components.iter().filter(|component| component.weight_nat > LIGHTEST_NAT) {
             let [x, y] = component.filter.position_m();
-            let c = component.filter.position_covariance_m2();
+            let c = turned.position_covariance_m2(component);
             let near_m2 = PLACE_M * PLACE_M + DEVIATIONS * (c.m11 + c.m22);
             let (mut weight, mut sum_x, mut sum_y) = (0.0, 0.0, 0.0);
             for other in components {
@@ -67,7 +93,7 @@ impl Summary {
             if weight > most {
                 most = weight;
                 summary.position_m = [sum_x / weight, sum_y / weight];
-                summary.probability = within(components, summary.position_m, [x, y], near_m2);
+                summary.probability = within(components, turned, summary.position_m, [x, y], near_m2);
             }
         }
         summary
@@ -89,6 +115,7 @@ impl Summary {
 /// Mean (metres) and covariance (square metres) over all places; see [`Summary::of`].
 pub(super) fn moments<const ANCHORS: usize, const SURFACES: usize>(
     components: &[Component<ANCHORS, SURFACES>],
+    turned: Turned,
     region: &Region,
     anywhere: f32,
 ) -> ([f32; 2], Matrix2<f32>) {
@@ -107,7 +134,7 @@ pub(super) fn moments<const ANCHORS: usize, const SURFACES: usize>(
     let mut yy = anywhere * (c_yy + dy * dy);
     for component in components {
         let weight = exp(component.weight_nat);
-        let c = component.filter.position_covariance_m2();
+        let c = turned.position_covariance_m2(component);
         let [own_x, own_y] = component.filter.position_m();
         let (dx, dy) = (own_x - x, own_y - y);
         xx += weight * (c.m11 + dx * dx);
@@ -121,6 +148,7 @@ pub(super) fn moments<const ANCHORS: usize, const SURFACES: usize>(
 /// second moment about the position were that of an isotropic Gaussian.
 fn within<const ANCHORS: usize, const SURFACES: usize>(
     components: &[Component<ANCHORS, SURFACES>],
+    turned: Turned,
     [x, y]: [f32; 2],
     [of_x, of_y]: [f32; 2],
     near_m2: f32,
@@ -130,7 +158,7 @@ fn within<const ANCHORS: usize, const SURFACES: usize>(
         let [own_x, own_y] = component.filter.position_m();
         let (dx, dy) = (own_x - of_x, own_y - of_y);
         if dx * dx + dy * dy < near_m2 {
-            let c = component.filter.position_covariance_m2();
+            let c = turned.position_covariance_m2(component);
             let (dx, dy) = (own_x - x, own_y - y);
             let moment_m2 = larger(c.m11 + c.m22 + (dx * dx + dy * dy), LEAST_MOMENT_M2);
             sum += exp(component.weight_nat) * (1.0 - exp(-(WITHIN_M * WITHIN_M) / moment_m2));
@@ -147,8 +175,10 @@ mod tests {
 
     const REGION: Region = Region { centre_m: [2.0, -3.0], covariance_m2: [30.0, 4.0, 20.0], area_m2: 400.0 };
 
+    const NOT_TURNED: Turned = Turned { position_m2: 0.0, most_m2: 9.0 };
+
     fn of(components: &[Component<2, 1>]) -> Summary {
-        Summary::of(components, &REGION, 0.0)
+        Summary::of(components, NOT_TURNED, &REGION, 0.0)
     }
 
     /// Probability of being within a metre of a place, by the second moment about it, in f64.
@@ -225,9 +255,25 @@ mod tests {
     }
 
     #[test]
+    fn who_may_have_turned_is_as_much_farther_off_as_there_is_room_for() {
+        let own = |std_m: f32| [component([0.0, 0.0], std_m, ln(0.7)), component([3.0, 1.0], std_m, ln(0.3))];
+        for (position_m2, most_m2, wide_m) in
+            [(0.16, 9.0, 0.5), (0.16, 0.25, 0.5), (5.0, 0.16, 0.4), (5.0, 0.01, 0.3)]
+        {
+            let turned = Turned { position_m2, most_m2 };
+            let (found, exact) = (Summary::of(&own(0.3), turned, &REGION, 0.0), of(&own(wide_m)));
+            assert_eq!(found.position_m, exact.position_m);
+            assert_near(found.probability, exact.probability, "probability");
+            for (found, exact) in found.covariance_m2.iter().zip(exact.covariance_m2.iter()) {
+                assert_near(*found, *exact, "covariance");
+            }
+        }
+    }
+
+    #[test]
     fn a_tag_that_may_be_anywhere_is_claimed_to_be() {
         let own = component([1.0, 1.0], 0.1, ln(0.25));
-        let found = Summary::of(&[own], &REGION, 0.75);
+        let found = Summary::of(&[own], NOT_TURNED, &REGION, 0.75);
         assert_near(found.probability, 0.25 * within_a_metre(0.02), "probability");
         assert_eq!(found.position_m, [1.0, 1.0]);
         // Within, and between: 1/4 x 3/4 of (1, -4) (1, -4)'.
@@ -237,7 +283,7 @@ mod tests {
             assert_near(found, exact, "covariance");
         }
         // Nowhere else: the middle of the region, as wide as it is.
-        let found = Summary::of(&[component([1.0, 1.0], 0.1, -60.0)], &REGION, 1.0);
+        let found = Summary::of(&[component([1.0, 1.0], 0.1, -60.0)], NOT_TURNED, &REGION, 1.0);
         assert_eq!((found.probability, found.position_m), (0.0, REGION.centre_m));
         assert_near(found.variance_m2(), 50.0, "variance");
     }

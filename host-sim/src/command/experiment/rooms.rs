@@ -4,6 +4,7 @@ use super::super::progress_of;
 use super::{print, print_json};
 use crate::Failure;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use cogmint::experiment::rooms::setting::BeliefSetting;
 use cogmint::experiment::rooms::summary::{Group, Summary, TrackerFigures, groups};
 use cogmint::experiment::rooms::{RoomRuns, run_rooms};
 use cogmint::experiment::side_by_side::Tracker;
@@ -41,6 +42,10 @@ pub struct Options {
     /// no frame arrives for up to 10 s, or only clutter does; or the tag is carried elsewhere, unheard (docs/rooms.md).
     #[arg(long, value_name = "NAME", value_parser = one_of(&Incident::ALL, Incident::name), conflicts_with_all = ["draw", "write"])]
     incident: Option<Incident>,
+    /// Change a setting of the core's belief, to see what a part of it is worth; more than once for several. `components` is
+    /// `comparisons` over the number of anchors.
+    #[arg(long, value_name = "NAME=VALUE")]
+    belief: Vec<BeliefSetting>,
     /// Run these trackers only; without, all but particles.
     #[arg(long, value_delimiter = ',', value_name = "TRACKER", value_parser = one_of(&Tracker::ALL, Tracker::name))]
     only: Vec<Tracker>,
@@ -85,6 +90,8 @@ struct Answer<'a> {
     seed: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     incident: Option<Incident>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    belief: Vec<String>,
     #[serde(flatten)]
     summary: Summary,
     groups: Vec<Group>,
@@ -128,7 +135,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     let trackers = asked(&options.only);
     let bar = progress_of(rooms.len(), "tracking", "rooms");
-    let runs = run_rooms(&rooms, options.incident, &trackers, || bar.inc(1))?;
+    let runs = run_rooms(&rooms, options.incident, &options.belief, &trackers, || bar.inc(1))?;
     bar.finish_and_clear();
     let rows: Vec<Row> = runs.iter().flat_map(|room| rows(room, options.incident)).collect();
     if let Some(file) = &options.csv {
@@ -140,6 +147,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         return print_json(&Answer {
             seed: options.seed,
             incident: options.incident,
+            belief: options.belief.iter().map(BeliefSetting::to_string).collect(),
             summary,
             groups: groups(&runs),
             runs: rows,

@@ -3,8 +3,10 @@
 //! Every room is simulated once, its frames go through the channel estimator once, and all trackers start with what the
 //! recording tells: see [`crate::trackers`] and [`super::side_by_side`].
 
+pub mod setting;
 pub mod summary;
 
+use self::setting::BeliefSetting;
 use super::side_by_side::run::Judging;
 use super::side_by_side::{SideBySide, Tracker, answerable, run_recording};
 use crate::input_error::InputError;
@@ -33,13 +35,14 @@ impl RoomRuns {
     }
 }
 
-/// Runs the trackers in a room, in which there may be an incident.
+/// Runs the trackers in a room, in which there may be an incident, with these settings of the core changed.
 ///
 /// # Errors
 /// The room cannot be simulated, or the core refuses what it gives.
 pub fn run_room(
     room: &RandomRoom,
     incident: Option<Incident>,
+    settings: &[BeliefSetting],
     trackers: &[Tracker],
 ) -> Result<RoomRuns, InputError> {
     let file = Path::new(&room.scenario.name);
@@ -52,7 +55,10 @@ pub fn run_room(
         judging.answerable = answerable(&recording, &Setup::new(&recording, file, None)?);
         judging.unheard_s = incident.befall(room, &mut recording)?;
     }
-    let setup = Setup::new(&recording, file, None)?;
+    let mut setup = Setup::new(&recording, file, None)?;
+    for setting in settings {
+        setting.apply(&mut setup.config.belief, setup.anchors.len());
+    }
     let trackers = run_recording(&recording, &setup, file, trackers, &judging)?;
     Ok(RoomRuns { drawn: room.drawn, trackers })
 }
@@ -65,11 +71,12 @@ pub fn run_room(
 pub fn run_rooms(
     rooms: &[RandomRoom],
     incident: Option<Incident>,
+    settings: &[BeliefSetting],
     trackers: &[Tracker],
     on_room: impl Fn() + Sync,
 ) -> Result<Vec<RoomRuns>, InputError> {
     let run = |room| {
-        let runs = run_room(room, incident, trackers);
+        let runs = run_room(room, incident, settings, trackers);
         on_room();
         runs
     };
