@@ -26,8 +26,11 @@ pub trait ChannelKnowledge {
     /// ln SINR expected of `source` at `action` where nothing hides it.
     fn sinr_ln(&self, source: Source, action: usize) -> f32;
 
-    /// Probability that nothing hides `source`.
+    /// Probability that nothing hides `source` from frames; 1 where none has shown it yet.
     fn visibility(&self, source: Source) -> f32;
+
+    /// What is known of `source` in scans of ranges: how probably nothing hides it.
+    fn of_ranges(&self, source: Source) -> ChannelPrior;
 
     /// SINR (linear) that `source` would have with `action` `range_m` away over noise of this level where nothing hides it;
     /// `None` if that is not known.

@@ -232,13 +232,13 @@ impl<
     }
 }
 
-/// What is known of the channel of a source in a scan; nothing without a frame.
+/// What is known of the channel of a source in a scan: of ranges, only how probably nothing hides it.
 fn channel_prior<const PATHS: usize>(
     scan: &Scan<PATHS>,
     source: Source,
     channel: &impl ChannelKnowledge,
 ) -> ChannelPrior {
-    if scan.is_framed() { channel.prior(source, scan.action) } else { ChannelPrior::UNKNOWN }
+    if scan.is_framed() { channel.prior(source, scan.action) } else { channel.of_ranges(source) }
 }
 
 /// Detection probability, wherever the tag is: of the direct path, and of every slot of the map (0 for free ones).

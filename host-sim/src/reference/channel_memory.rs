@@ -148,10 +148,8 @@ impl<T: Real> ChannelMemory<T> {
         let turned = T::of(0.5) * probability(2.0 * self.settings.hiding_per_s, dt);
         let kept = T::ONE - probability(self.settings.forgetting_per_s, dt);
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
-            if row.is_seen() {
-                row.visibility += turned * (T::ONE - T::of(2.0) * row.visibility);
-                row.lasting *= T::ONE - turned;
-            }
+            row.visibility += turned * (T::ONE - T::of(2.0) * row.visibility);
+            row.lasting *= T::ONE - turned;
         }
         for count in self.heard.iter_mut().flatten() {
             *count *= kept;
@@ -226,15 +224,15 @@ impl<T: Real> ChannelMemory<T> {
         let row = self.row_mut(source);
         let by_count = weight / (row.paths + weight + T::of(1e-6));
         row.energy_ln += larger(familiar, by_count) * (now_ln - row.energy_ln);
+        if !row.is_seen() {
+            (row.visibility, row.lasting) = (T::ONE, T::ONE);
+        }
         row.paths += weight;
     }
 
     /// Enters that `source` was missed with probability `missed`; visible, it would have been found with probability `found`.
     pub fn remember_missed(&mut self, source: Source, found: T, missed: T) {
         let row = self.row_mut(source);
-        if !row.is_seen() {
-            return;
-        }
         // Bayes: visible and not found, over not found; all along likewise.
         let ratio = (T::ONE - found) / larger(T::ONE - row.visibility * found, T::of(1e-6));
         for state in [&mut row.visibility, &mut row.lasting] {
@@ -269,9 +267,10 @@ impl<T: Real> ChannelMemory<T> {
         self.row(source).lasting
     }
 
-    /// Probability that nothing hides a source.
-    pub fn visibility(&self, source: Source) -> T {
-        self.row(source).visibility
+    /// Probability that nothing hides a source: from frames, once one has shown it; from ranges.
+    pub fn visibility(&self, source: Source) -> [T; 2] {
+        let row = self.row(source);
+        [if row.is_seen() { row.visibility } else { T::ONE }, row.visibility]
     }
 
     /// ln SINR expected of a source with an action, between 1e-3 and 1e12.

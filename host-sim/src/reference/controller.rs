@@ -335,7 +335,7 @@ impl<T: Real> Prospect<'_, T> {
         // P_d / (unit / SINR + rest), with one division.
         let root = exp(T::of(0.5) * memory.sinr_ln(source.source, action));
         let sinr = square(root);
-        let found = memory.visibility(source.source) * source.availability * sinr;
+        let found = memory.visibility(source.source)[0] * source.availability * sinr;
         let odds = T::ONE + missed_odds(root, sqrt(larger(outlook.threshold, T::ZERO)));
         let rest = square(outlook.range_floor_m) + map;
         let unresolved = square(outlook.range_floor_pulses * (pulse.duration_s * speed_of_light::<T>()));

@@ -252,7 +252,7 @@ pub fn detection<T: Real>(
     let usual = T::of(told.config.association.detection_probability);
     let least = T::of(HIDDEN_DETECTION);
     let (mut found, mut clear) = (usual, usual);
-    let mut lasting = T::ONE;
+    let lasting;
     let mut unknown = false;
     if let Some(frame) = &scan.frame {
         let mut sinr = channel.sinr(source, scan.action);
@@ -265,10 +265,13 @@ pub fn detection<T: Real>(
         found = detection_probability(sinr, frame.threshold);
         lasting = channel.lasting(source);
         if channel.has_seen(source) {
-            clear = channel.visibility(source) * found;
+            clear = channel.visibility(source)[0] * found;
         } else if environment.is_unseen(source) {
             (clear, unknown) = (least, true);
         }
+    } else {
+        clear = channel.visibility(source)[1] * usual;
+        lasting = channel.lasting(source);
     }
     let hidden = unknown || clear * availability <= least;
     let open = limited(clear, least, usual);

@@ -106,12 +106,15 @@ impl<T: Real> Memories<'_, T> {
                 };
                 self.environment.remember(slot, &look, scan.elapsed_s);
             }
-            let Some(level) = scan.level(range_m) else { continue };
-            for m in own_paths(scan, belief) {
-                self.channel.remember(source, received, &scan.measurements[m], belief.associated[m]);
+            if let Some(level) = scan.level(range_m) {
+                for m in own_paths(scan, belief) {
+                    self.channel.remember(source, received, &scan.measurements[m], belief.associated[m]);
+                }
+                self.channel.remember_noise(source, received, [range_m, level]);
             }
-            self.channel.remember_noise(source, received, [range_m, level]);
-            self.channel.remember_missed(source, expected.found, belief.missed);
+            if scan.frame.is_none() || self.channel.has_seen(source) {
+                self.channel.remember_missed(source, expected.found, belief.missed);
+            }
         }
         if scan.frame.is_some() {
             self.channel.remember_frame(scan.anchor, received);

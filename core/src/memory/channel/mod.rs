@@ -13,7 +13,7 @@
 //! Friis's law a path loses as the carrier squared: energies are compared at the carrier of the first action.
 //!
 //! A path that was not found although the frame's own noise let it is hidden: visibility is the state of a two-state Markov
-//! chain. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn
+//! chain, in scans of ranges likewise. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn
 //! to go elsewhere. (Under gain control, not that of an action which it is sought with, before it is found.)
 //!
 //! The published estimator, moments of the last 40 amplitudes, is not used: amplitudes that differ between carriers and
@@ -225,7 +225,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         // A symmetric two-state chain forgets its state at twice the rate at which it turns.
         let turned = 0.5 * probability(2.0 * self.settings.hiding_per_s, elapsed_s);
         let kept = 1.0 - probability(self.settings.forgetting_per_s, elapsed_s);
-        for row in self.direct.iter_mut().chain(&mut self.virtual_anchors).filter(|row| row.is_seen()) {
+        for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
             row.visibility += turned * (1.0 - 2.0 * row.visibility);
             row.lasting *= 1.0 - turned;
         }
@@ -323,13 +323,17 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         let innovation = energy_ln - row.energy_ln;
         let familiar = gain(settings.energy_walk_per_s, elapsed_s) * (1.0 - news) * weight;
         row.energy_ln += larger(familiar, weight / (row.paths + weight + 1e-6)) * innovation;
+        if !row.is_seen() {
+            // Until now, nothing but ranges told of it.
+            (row.visibility, row.lasting) = (1.0, 1.0);
+        }
         row.paths += weight;
     }
 
-    /// Enters that `source` was missed with probability `missed` in a frame where it would have been found with probability
+    /// Enters that `source` was missed with probability `missed` in a scan where it would have been found with probability
     /// `found`, had nothing hidden it.
     pub fn remember_missed(&mut self, source: Source, found: f32, missed: f32) {
-        if let Some(row) = self.row_mut(source).filter(|row| row.is_seen()) {
+        if let Some(row) = self.row_mut(source) {
             let left = (1.0 - found) / larger(1.0 - row.visibility * found, 1e-6);
             row.visibility = 1.0 + missed * (row.visibility * left - 1.0);
             row.lasting = 1.0 + missed * (row.lasting * left - 1.0);
@@ -406,7 +410,12 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> ChannelKn
     for ChannelMemory<ANCHORS, SOURCES, ACTIONS>
 {
     fn visibility(&self, source: Source) -> f32 {
-        self.row(source).map_or(1.0, |row| row.visibility)
+        self.row(source).filter(|row| row.is_seen()).map_or(1.0, |row| row.visibility)
+    }
+
+    fn of_ranges(&self, source: Source) -> ChannelPrior {
+        let (visibility, lasting) = self.row(source).map_or((1.0, 1.0), |row| (row.visibility, row.lasting));
+        ChannelPrior { visibility, lasting, ..ChannelPrior::UNKNOWN }
     }
 
     fn sinr_ln(&self, source: Source, action: usize) -> f32 {
@@ -435,7 +444,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> ChannelKn
         ChannelPrior {
             seen: self.has_seen(source),
             visibility: self.visibility(source),
-            lasting: self.row(source).map_or(1.0, |row| row.lasting),
+            lasting: self.of_ranges(source).lasting,
             sinr: self.sinr(source, action),
         }
     }

@@ -12,8 +12,8 @@ use crate::real::larger;
 impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
     ChannelMemory<ANCHORS, SOURCES, ACTIONS>
 {
-    /// SINR and visibility of every source of a frame whose path was probably seen; from roughly where the tag is
-    /// (`is_placed` false), what the noise of the frame tells alone.
+    /// SINR and visibility of every source of a frame whose path was probably seen, visibility alone of those of a scan of ranges;
+    /// from roughly where the tag is (`is_placed` false), what the noise of the frame tells alone.
     #[inline(never)]
     pub fn observe<const PATHS: usize>(
         &mut self,
@@ -23,6 +23,12 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
     ) {
         let scan = associated.scan;
         if !scan.is_framed() {
+            // Of ranges it is known only whether they are there.
+            for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
+                if is_placed {
+                    self.remember_missed(regression.source, view.found, belief.missed);
+                }
+            }
             return;
         }
         let shares = self.shares(scan.action, library);
@@ -30,7 +36,10 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
             if is_placed {
                 self.observe_source(regression, scan, &shares, belief, jump);
-                self.remember_missed(regression.source, view.found, belief.missed);
+                // Of what was never seen in a frame, it is not known what would be found.
+                if self.has_seen(regression.source) {
+                    self.remember_missed(regression.source, view.found, belief.missed);
+                }
             } else {
                 self.observe_level(regression, scan, &shares, jump);
             }

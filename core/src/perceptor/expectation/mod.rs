@@ -71,7 +71,7 @@ impl Prospect {
 }
 
 /// How probable it is that the path of an existing source is found in a scan: of frames by its SINR as remembered, or less
-/// where the frame is noisier; `told` is the probability for ranges and for what was never seen. All of it where the plan lets
+/// where the frame is noisier; `told` is the probability for ranges that nothing hides and for what was never seen. All of it where the plan lets
 /// the path through, hardly any where it does not.
 pub fn detection<const PATHS: usize>(
     scan: &Scan<PATHS>,
@@ -90,7 +90,7 @@ pub fn detection<const PATHS: usize>(
             (false, false) => (found, told, false),
         }
     } else {
-        (told, told, false)
+        (told, channel.visibility * told, false)
     };
     let is_hidden = is_unknown || visible * availability <= HIDDEN_DETECTION;
     let open = limited(visible, HIDDEN_DETECTION, told);
