@@ -27,8 +27,8 @@ pub struct CycleReport {
     pub measurements: u32,
     /// Paths or ranges received that were left out because a scan keeps no more than `PATHS`, searching or not.
     pub left_out: u32,
-    /// Components of the belief that counted and found no room: each was joined with the nearest one. There is room for as many as
-    /// the belief has, and for as many as [`crate::perceptor::belief::BeliefSettings::comparisons`] allows.
+    /// Established components of the belief that counted and found no room: each was joined with the nearest one. There is room for
+    /// as many as the belief has, and for as many as [`crate::perceptor::belief::BeliefSettings::comparisons`] allows.
     pub crowded_out: u32,
     /// Of the measurements, how many more likely than not belong to a known feature.
     pub associated: u32,

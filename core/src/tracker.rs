@@ -131,8 +131,9 @@ impl<
         let unheard_s = receiver.unheard_s(scans);
 
         observer.stage(Stage::Predict);
+        belief.begin(scans.len());
         let last = belief.leader().agent();
-        belief.predict(elapsed_s, unheard_s, scans.len());
+        belief.predict(elapsed_s, is_heard.then_some(unheard_s));
         let predicted = belief.leader().agent();
         let silent_s = if is_heard { 0.0 } else { unheard_s };
         let predicted_entropy_nat = position_entropy_nat(&belief.covariance_m2(silent_s));

@@ -330,11 +330,13 @@ pub(super) fn revise_map<
             match admission {
                 Admission::Known => {}
                 Admission::Full => changes.map_full += 1,
-                Admission::Entered { surface, replaced, .. } => {
+                Admission::Entered { slot, surface, replaced } => {
                     if let Some(replaced) = replaced {
                         take_out(belief, channel, &replaced);
                         changes.forgotten += 1;
                     }
+                    // A free slot ages as well.
+                    channel.forget(slot);
                     belief.discover(surface, found.position, &found.gain, &found.covariance);
                     changes.discovered += 1;
                 }

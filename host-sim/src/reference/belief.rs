@@ -163,20 +163,23 @@ impl<T: Real> Belief<T> {
         proposal::phase(self.heard)
     }
 
-    /// `dt` seconds later; `unheard_s` is the time since anything was heard, in which so many `scans` are heard now.
-    pub fn predict(&mut self, dt: T, unheard_s: T, scans: usize) {
+    /// A cycle of so many scans begins: it has work for this many components.
+    pub fn begin(&mut self, scans: usize) {
         self.crowded_out = 0;
+        self.slots = (usize::from(self.settings.comparisons) / scans.max(1)).max(2).min(self.capacity);
+        if scans > 0 && self.components.len() > self.slots {
+            self.reduce();
+            self.normalise();
+        }
+    }
+
+    /// `dt` seconds later; `unheard_s` is the time since anything was heard, where something is.
+    pub fn predict(&mut self, dt: T, unheard_s: Option<T>) {
         for component in &mut self.components {
             component.filter.predict(dt);
         }
-        if scans == 0 {
-            return;
-        }
+        let Some(unheard_s) = unheard_s else { return };
         self.heard = self.heard.wrapping_add(1);
-        self.slots = (usize::from(self.settings.comparisons) / scans).min(self.capacity).max(1);
-        if self.components.len() > self.slots {
-            self.reduce();
-        }
         let floor = T::of(f32::MIN_POSITIVE);
         let elsewhere = probability(self.settings.elsewhere_per_s, unheard_s);
         let moved_nat = self.total_nat() + ln(larger(elsewhere, floor));
@@ -360,14 +363,12 @@ impl<T: Real> Belief<T> {
             component.hinder(&through, &inside);
         }
         self.reduce();
-        let total = sum_nat(self.total_nat(), self.anywhere_nat);
-        self.anywhere_nat = larger(self.anywhere_nat - total, T::of(LEAST_NAT));
+        self.normalise();
         let established = self.best_nat() - T::of(COUNTS_NAT);
         for component in &mut self.components {
             if component.weight_nat > established {
                 component.age = u16::MAX;
             }
-            component.weight_nat -= total;
         }
         self.summarise(T::ZERO);
         self.is_doubtful =
@@ -375,6 +376,15 @@ impl<T: Real> Belief<T> {
         let is_known = self.summary.probability > T::of(SETTLED);
         if is_known && self.summary.variance_m2() < square(T::of(PLACE_M)) {
             self.trusted = self.leading().clone();
+        }
+    }
+
+    /// All weights sum up to 1.
+    fn normalise(&mut self) {
+        let total = sum_nat(self.total_nat(), self.anywhere_nat);
+        self.anywhere_nat = larger(self.anywhere_nat - total, T::of(LEAST_NAT));
+        for component in &mut self.components {
+            component.weight_nat -= total;
         }
     }
 

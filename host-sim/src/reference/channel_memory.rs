@@ -263,8 +263,9 @@ impl<T: Real> ChannelMemory<T> {
     }
 
     /// Probability that nothing has hidden a source since it was last seen.
-    pub fn lasting(&self, source: Source) -> T {
-        self.row(source).lasting
+    pub fn lasting(&self, source: Source) -> [T; 2] {
+        let row = self.row(source);
+        [if row.is_seen() { row.lasting } else { T::ONE }, row.lasting]
     }
 
     /// Probability that nothing hides a source: from frames, once one has shown it; from ranges.

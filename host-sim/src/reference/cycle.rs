@@ -205,10 +205,11 @@ impl<T: Real> Reference<T> {
             receiver.receive(observations, elapsed_s, &links, channel.losses_ln(), library);
 
         // Predict.
+        belief.begin(scans.len());
         let last = belief.leading().agent();
         let unheard_s = receiver.unheard_s(&scans);
         let is_heard = !scans.is_empty();
-        belief.predict(elapsed_s, unheard_s, scans.len());
+        belief.predict(elapsed_s, is_heard.then_some(unheard_s));
         let predicted = belief.leading().agent();
         let (_, predicted_m2) = belief.moments(if is_heard { T::ZERO } else { unheard_s });
         if is_heard {

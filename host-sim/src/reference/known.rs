@@ -263,7 +263,7 @@ pub fn detection<T: Real>(
             sinr = smaller(sinr, now);
         }
         found = detection_probability(sinr, frame.threshold);
-        lasting = channel.lasting(source);
+        lasting = channel.lasting(source)[0];
         if channel.has_seen(source) {
             clear = channel.visibility(source)[0] * found;
         } else if environment.is_unseen(source) {
@@ -271,7 +271,7 @@ pub fn detection<T: Real>(
         }
     } else {
         clear = channel.visibility(source)[1] * usual;
-        lasting = channel.lasting(source);
+        lasting = channel.lasting(source)[1];
     }
     let hidden = unknown || clear * availability <= least;
     let open = limited(clear, least, usual);

@@ -133,6 +133,7 @@ impl<T: Real> Map<'_, T> {
             changes.map_full += 1;
             return;
         };
+        self.channel.forget(slot);
         self.belief.discover(surface, found.position_m, found.gain, found.covariance_m2);
         self.environment.insert_surface(surface, T::of(TOLD), Origin::Discovered);
         self.environment.insert(slot, scan.anchor, Sequence::of(surface as u8), 1);

@@ -13,8 +13,9 @@
 //! Friis's law a path loses as the carrier squared: energies are compared at the carrier of the first action.
 //!
 //! A path that was not found although the frame's own noise let it is hidden: visibility is the state of a two-state Markov
-//! chain, in scans of ranges likewise. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer has silenced must learn
-//! to go elsewhere. (Under gain control, not that of an action which it is sought with, before it is found.)
+//! chain, in scans of ranges likewise. While the tag is lost, the frames' noise alone is remembered: a radio that an interferer
+//! has silenced must learn to go elsewhere. (Under gain control, not that of an action which it is sought with, before it is
+//! found.)
 //!
 //! The published estimator, moments of the last 40 amplitudes, is not used: amplitudes that differ between carriers and
 //! places count as noise there, and after a few changes of the carrier it takes strong paths for lost ones.
@@ -324,7 +325,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         let familiar = gain(settings.energy_walk_per_s, elapsed_s) * (1.0 - news) * weight;
         row.energy_ln += larger(familiar, weight / (row.paths + weight + 1e-6)) * innovation;
         if !row.is_seen() {
-            // Until now, nothing but ranges told of it.
+            // No frame has told of it until now.
             (row.visibility, row.lasting) = (1.0, 1.0);
         }
         row.paths += weight;
@@ -444,7 +445,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> ChannelKn
         ChannelPrior {
             seen: self.has_seen(source),
             visibility: self.visibility(source),
-            lasting: self.of_ranges(source).lasting,
+            lasting: self.row(source).filter(|row| row.is_seen()).map_or(1.0, |row| row.lasting),
             sinr: self.sinr(source, action),
         }
     }

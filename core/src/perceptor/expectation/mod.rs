@@ -71,8 +71,8 @@ impl Prospect {
 }
 
 /// How probable it is that the path of an existing source is found in a scan: of frames by its SINR as remembered, or less
-/// where the frame is noisier; `told` is the probability for ranges that nothing hides and for what was never seen. All of it where the plan lets
-/// the path through, hardly any where it does not.
+/// where the frame is noisier; `told` is the probability for ranges that nothing hides and for what was never seen. All of it
+/// where the plan lets the path through, hardly any where it does not.
 pub fn detection<const PATHS: usize>(
     scan: &Scan<PATHS>,
     told: f32,

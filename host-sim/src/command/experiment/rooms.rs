@@ -42,9 +42,9 @@ pub struct Options {
     /// no frame arrives for up to 10 s, or only clutter does; or the tag is carried elsewhere, unheard (docs/rooms.md).
     #[arg(long, value_name = "NAME", value_parser = one_of(&Incident::ALL, Incident::name), conflicts_with_all = ["draw", "write"])]
     incident: Option<Incident>,
-    /// Change a setting of the core's belief, to see what a part of it is worth; more than once for several. `components` is
-    /// `comparisons` over the number of anchors.
-    #[arg(long, value_name = "NAME=VALUE")]
+    /// Change a setting of the core's belief, to see what a part of it is worth; more than once for several. `components=N` sets
+    /// `comparisons` to N times the number of anchors (docs/rooms.md).
+    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["draw", "write"])]
     belief: Vec<BeliefSetting>,
     /// Run these trackers only; without, all but particles.
     #[arg(long, value_delimiter = ',', value_name = "TRACKER", value_parser = one_of(&Tracker::ALL, Tracker::name))]
@@ -157,6 +157,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         "{} random rooms, seeds from {}; {} answerable\n",
         summary.rooms, options.seed, summary.answerable
     ));
+    for setting in &options.belief {
+        print(&format!("belief: {setting}\n"));
+    }
     print_figures("answerable rooms", &summary.trackers_answerable);
     print_figures("all rooms", &summary.trackers);
     print_claims(&summary.trackers_answerable);

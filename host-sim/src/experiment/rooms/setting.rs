@@ -81,7 +81,11 @@ impl FromStr for BeliefSetting {
         let known = || Name::ALL.map(Name::as_str).join(", ");
         let found = Name::ALL.into_iter().find(|known| known.as_str() == name);
         let name = found.ok_or_else(|| format!("unknown setting {name:?} (known: {})", known()))?;
-        let value: f32 = value.parse().map_err(|_| format!("{value:?} is no number"))?;
+        let value: f32 = match value {
+            "true" => 1.0,
+            "false" => 0.0,
+            _ => value.parse().map_err(|_| format!("{value:?} is no number"))?,
+        };
         let (is_count, is_switch) = match name {
             Name::Comparisons | Name::Components => (true, false),
             Name::WallsBarWays | Name::WallsHidePaths => (false, true),
@@ -91,7 +95,7 @@ impl FromStr for BeliefSetting {
             return Err(format!("{} must be a whole number from 1 to {}", name.as_str(), u16::MAX));
         }
         if is_switch && value != 0.0 && value != 1.0 {
-            return Err(format!("{} must be 0 or 1", name.as_str()));
+            return Err(format!("{} must be true or false", name.as_str()));
         }
         Ok(Self { name, value })
     }
@@ -124,6 +128,7 @@ mod tests {
             assert!(changed != usual && !seen.contains(&changed), "{text}");
             seen.push(changed);
         }
+        assert_eq!("walls_bar_ways=false".parse::<BeliefSetting>(), "walls_bar_ways=0".parse());
         let mut changed = usual;
         BeliefSetting { name: Name::Components, value: 8.0 }.apply(&mut changed, 4);
         assert_eq!(changed.comparisons, 32);
@@ -138,7 +143,7 @@ mod tests {
             ("components=0", "whole number"),
             ("comparisons=2.5", "whole number"),
             ("comparisons=NaN", "whole number"),
-            ("walls_bar_ways=2", "must be 0 or 1"),
+            ("walls_bar_ways=2", "must be true or false"),
         ] {
             let refused = text.parse::<BeliefSetting>().expect_err(text);
             assert!(refused.contains(why), "{text}: {refused}");
