@@ -44,7 +44,7 @@ pub struct Options {
     incident: Option<Incident>,
     /// Change a setting of the core's belief, to see what a part of it is worth; more than once for several. `components=N` sets
     /// `comparisons` to N times the number of anchors (docs/rooms.md).
-    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["draw", "write"])]
+    #[arg(long, value_name = "NAME=VALUE", conflicts_with = "draw")]
     belief: Vec<BeliefSetting>,
     /// Run these trackers only; without, all but particles.
     #[arg(long, value_delimiter = ',', value_name = "TRACKER", value_parser = one_of(&Tracker::ALL, Tracker::name))]
