@@ -1353,7 +1353,7 @@ mod tests {
         assert!(covered.discovered > 0, "{covered:?}");
     }
 
-    /// With room for all components, for some, for one; walls that nobody walks through and that hide paths, or not; and silence.
+    /// With room for all components, for some, for two; walls that nobody walks through and that hide paths, or not; and silence.
     #[test]
     fn what_bounds_the_belief_is_equal() {
         let mut recording = walled(Kind::Ranges, 200, 0, [0.1, 0.01]);
@@ -1376,7 +1376,7 @@ mod tests {
             setup.config.belief.walls_bar_ways = bar;
             setup.config.belief.walls_hide_paths = hide;
             let covered = verified(&setup, &recording).covered;
-            // Three slots or one hold what there can be.
+            // Three slots or two hold what there can be.
             assert!(comparisons != 12 || covered.crowded_out > 0, "{covered:?}");
             let mut tracker = setup.tracker::<SMALL_ANCHORS>().unwrap();
             let hash =

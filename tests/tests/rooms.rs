@@ -39,16 +39,19 @@ fn written_rooms_are_scenario_files_and_a_bad_name_writes_none() {
     }
 }
 
+/// The JSON object that a command prints.
+fn answer(folder: &Folder, arguments: &str) -> Value {
+    let output = cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("is one JSON object")
+}
+
 #[test]
 fn incidents_befall_rooms_of_so_many_anchors_and_are_judged() {
     let folder = Folder::new("rooms-incidents");
     let run = |arguments: &str| cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
     let rooms = "experiment rooms --count 2 --seed 40 --anchors 3 --plan 0.1 --start 1 --only direct --json";
-    let answer = |incident: &str| -> Value {
-        let output = run(&format!("{rooms}{incident}"));
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).expect("is one JSON object")
-    };
+    let answer = |incident: &str| answer(&folder, &format!("{rooms}{incident}"));
     let usual = answer("");
     assert!(usual.get("incident").is_none());
     assert!(
@@ -76,11 +79,7 @@ fn settings_of_the_belief_are_changed_by_name_and_said() {
     let run = |arguments: &str| cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
     let rooms =
         "experiment rooms --count 1 --seed 41 --anchors 2 --plan 0.1 --start 1 --only cogmint,told --json";
-    let answer = |settings: &str| -> Value {
-        let output = run(&format!("{rooms}{settings}"));
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).expect("is one JSON object")
-    };
+    let answer = |settings: &str| answer(&folder, &format!("{rooms}{settings}"));
     let usual = answer("");
     assert!(usual.get("belief").is_none());
     for setting in ["components=2", "walls_hide_paths=0", "turns_per_s=0"] {

@@ -24,8 +24,8 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         let scan = associated.scan;
         if !scan.is_framed() {
             // Of ranges it is known only whether they are there.
-            for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
-                if is_placed {
+            if is_placed {
+                for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
                     self.remember_missed(regression.source, view.found, belief.missed);
                 }
             }
