@@ -208,6 +208,7 @@ impl Config {
             comparisons,
             walls_bar_ways: _,
             walls_hide_paths: _,
+            reads_below_threshold: _,
         } = *belief;
         within(turns_per_s, 0.0, 10.0, Setting::Turns)?;
         within(elsewhere_per_s, 1e-9, 1.0, Setting::Elsewhere)?;

@@ -11,7 +11,9 @@ mod start;
 mod state;
 mod values;
 
-use self::stages::{Explained, Heard, Outcomes, hear, look_through, propose_places, remember, revise_map};
+use self::stages::{
+    Explained, Heard, Outcomes, hear, look_beside, look_through, propose_places, reader, remember, revise_map,
+};
 use self::values::{Known, Place, Seen, Told, leader_view, planning_state, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
@@ -36,7 +38,8 @@ use crate::report::{CycleReport, MapChanges};
 use heapless::Vec;
 
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
-/// (and corners of the outline), paths per anchor, actions and components of the belief.
+/// (and corners of the outline), paths per anchor, actions, components of the belief, and points (a byte each, about four per pulse
+/// duration) of what paths leave of the frames of an anchor. Without points, frames are read no further than to their paths.
 #[derive(Clone, Debug)]
 pub struct Tracker<
     const ANCHORS: usize,
@@ -46,13 +49,14 @@ pub struct Tracker<
     const PATHS: usize,
     const ACTIONS: usize,
     const COMPONENTS: usize,
+    const POINTS: usize,
 > {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
     plan: FloorPlan<SEGMENTS>,
     library: Library<ACTIONS>,
 
-    receiver: Receiver<ANCHORS, PATHS>,
+    receiver: Receiver<ANCHORS, PATHS, POINTS>,
     belief: TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: EnvironmentMemory<SURFACES, SOURCES>,
     transmission: TransmissionMemory<SEGMENTS>,
@@ -86,7 +90,8 @@ impl<
     const PATHS: usize,
     const ACTIONS: usize,
     const COMPONENTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>
+    const POINTS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
 {
     /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
     ///
@@ -161,8 +166,18 @@ impl<
             let Some((viewpoint, background)) = view else { continue };
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
             let surroundings = (&*plan, walls);
-            let outcome =
-                hear(belief, &told, environment, channel, clutter, surroundings, scan, claims, &mut outcomes);
+            let reader = reader(&told, receiver, clutter, scan);
+            let outcome = hear(
+                belief,
+                &told,
+                environment,
+                channel,
+                clutter,
+                surroundings,
+                (scan, reader.as_ref()),
+                claims,
+                &mut outcomes,
+            );
             let Some(outcome) = outcome else { continue };
             observer.expectations(scan.anchor, &outcome.expected.direct, &outcome.expected.virtual_anchors);
             observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
@@ -205,6 +220,7 @@ impl<
             &outcomes,
         );
         if is_sure {
+            look_beside(clutter, &told, receiver, &outcomes);
             look_through(transmission, &told, walls, &Place::of(&posterior), &outcomes);
         }
 
@@ -289,7 +305,7 @@ mod tests {
         let config = Config { start, ..Config::default() };
         let library = &LIBRARY_PUBLISHED;
         let mut tracker =
-            Tracker::<3, 1, 1, 1, 4, 40, 8>::new(config, &anchors, &Map::default(), library, 1).unwrap();
+            Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new(config, &anchors, &Map::default(), library, 1).unwrap();
         let mut hear = |[x, y]: [f32; 2]| {
             let ranges =
                 places_m.map(|[ax, ay]| [Range { range_m: (x - ax).hypot(y - ay), variance_m2: 4e-4 }]);

@@ -18,8 +18,9 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 
-/// Capacity of the reference size: 2 anchors, 8 surfaces, 24 sources, 32 segments, 16 paths, 40 actions, 8 components.
-type BoardTracker = Tracker<2, 8, 24, 32, 16, 40, 8>;
+/// Capacity of the reference size: 2 anchors, 8 surfaces, 24 sources, 32 segments, 16 paths, 40 actions, 8 components,
+/// 800 points of what paths leave of a frame.
+type BoardTracker = Tracker<2, 8, 24, 32, 16, 40, 8, 800>;
 
 static TRACKER: Once<MaybeUninit<BoardTracker>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
 

@@ -33,17 +33,22 @@ pub const TARGET_SURFACES: usize = 8;
 /// Components of the target's tracker: as many as its memory holds.
 pub const TARGET_COMPONENTS: usize = 8;
 
-/// A tracker of so many anchors, surfaces and components.
-pub type AnyTracker<const A: usize, const S: usize, const C: usize> =
-    Tracker<A, S, SOURCES, SEGMENTS, PATHS, ACTIONS, C>;
+/// Points of what paths leave of the target's frames: as many as it has for 400 samples of half a pulse duration.
+pub const TARGET_POINTS: usize = 800;
+/// The same of the host: 4096 samples of half a pulse duration, and 2048 of a whole one.
+pub const POINTS: usize = 8192;
+
+/// A tracker of so many anchors, surfaces, components and points.
+pub type AnyTracker<const A: usize, const S: usize, const C: usize, const P: usize> =
+    Tracker<A, S, SOURCES, SEGMENTS, PATHS, ACTIONS, C, P>;
 /// The tracker of the target.
-pub type TargetTracker = AnyTracker<SMALL_ANCHORS, TARGET_SURFACES, TARGET_COMPONENTS>;
+pub type TargetTracker = AnyTracker<SMALL_ANCHORS, TARGET_SURFACES, TARGET_COMPONENTS, TARGET_POINTS>;
 /// The tracker for up to two anchors.
 pub type SmallTracker = SizedTracker<SMALL_ANCHORS>;
 /// The tracker for up to eight anchors.
 pub type LargeTracker = SizedTracker<LARGE_ANCHORS>;
 /// A tracker of the host for up to `A` anchors.
-pub type SizedTracker<const A: usize> = Tracker<A, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>;
+pub type SizedTracker<const A: usize> = AnyTracker<A, SURFACES, COMPONENTS, POINTS>;
 
 /// Stack on which trackers are built, bytes. One of eight anchors is 0.32 MB, and construction passes it on by value several
 /// times.
@@ -276,9 +281,9 @@ impl Setup {
     }
 
     /// Builds a tracker where the stack has room for it.
-    fn build<const A: usize, const S: usize, const C: usize>(
+    fn build<const A: usize, const S: usize, const C: usize, const P: usize>(
         &self,
-    ) -> Result<Box<AnyTracker<A, S, C>>, Error> {
+    ) -> Result<Box<AnyTracker<A, S, C, P>>, Error> {
         let build =
             || Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed).map(Box::new);
         std::thread::scope(|scope| {
@@ -463,8 +468,8 @@ pub struct Step {
 ///
 /// # Errors
 /// The core refuses even the empty cycle: its time or height is wrong.
-pub fn step<const A: usize, const S: usize, const C: usize>(
-    tracker: &mut AnyTracker<A, S, C>,
+pub fn step<const A: usize, const S: usize, const C: usize, const P: usize>(
+    tracker: &mut AnyTracker<A, S, C, P>,
     input: &CycleInput<'_>,
     mut observer: &mut dyn Observer<SOURCES, PATHS>,
 ) -> Result<Step, Error> {

@@ -35,8 +35,8 @@ fn check_anchors(setup: &Setup, file: &Path) -> Result<(), InputError> {
 }
 
 /// All cycles of a recording in a fresh tracker.
-fn replayed<const S: usize, const C: usize>(
-    tracker: Result<Box<AnyTracker<SMALL_ANCHORS, S, C>>, Error>,
+fn replayed<const S: usize, const C: usize, const P: usize>(
+    tracker: Result<Box<AnyTracker<SMALL_ANCHORS, S, C, P>>, Error>,
     recording: &Recording,
     file: &Path,
 ) -> Result<Vec<Step>, InputError> {

@@ -12,7 +12,7 @@ use crate::reference::controller::Controller;
 use crate::reference::cycle::Intermediates;
 use crate::reference::{Capacity, Reference};
 use crate::replay::{
-    ACTIONS, COMPONENTS, LARGE_ANCHORS, PATHS, SEGMENTS, SMALL_ANCHORS, SOURCES, SURFACES, Setup,
+    ACTIONS, COMPONENTS, LARGE_ANCHORS, PATHS, POINTS, SEGMENTS, SMALL_ANCHORS, SOURCES, SURFACES, Setup,
     SizedTracker, Step, inputs, step,
 };
 use cogmint_core::model::image::Sequence;
@@ -256,6 +256,7 @@ fn twin<T: crate::reference::Real, const A: usize>(setup: &Setup) -> Reference<T
         paths: PATHS,
         actions: ACTIONS,
         components: COMPONENTS,
+        points: POINTS,
     };
     Reference::new(setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed, capacity)
 }
@@ -457,6 +458,7 @@ impl Comparison {
             };
             self.float(stage, format_args!("belief that {name} was missed"), a.missed, b.missed);
             self.float(stage, format_args!("existence of {name}"), a.existence, b.existence);
+            self.float(stage, format_args!("what the rest of the frame says of {name}"), a.rest, b.rest);
             for (m, (p, q)) in a.associated.iter().zip(&b.associated).enumerate() {
                 self.float(stage, format_args!("belief that {name} gave measurement {m}"), *p, *q);
             }
@@ -518,6 +520,14 @@ impl Comparison {
         self.list(stage, "the channel memory", &numbers, |f| reference.channel.visit(f));
         for (anchor, (a, b)) in core.unexplained().iter().zip(&reference.clutter.unexplained).enumerate() {
             self.float(stage, format_args!("mean of unexplained measurements of anchor {anchor}"), *a, *b);
+        }
+        for (anchor, (a, b)) in core.backgrounds().iter().zip(&reference.clutter.backgrounds).enumerate() {
+            let name = format_args!("share of noise in the rest of the frames of anchor {anchor}");
+            self.float(stage, name, a.noise, b.noise);
+            for (class, (a, b)) in a.paths.iter().zip(&b.paths).enumerate() {
+                let name = format_args!("share of paths of class {class} in those of anchor {anchor}");
+                self.float(stage, name, *a, *b);
+            }
         }
 
         let stage = "discover";
@@ -648,6 +658,10 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
         hash.float(controller.turn_s);
     }
     reference.clutter.unexplained.iter().for_each(|value| hash.float(*value));
+    for background in &reference.clutter.backgrounds {
+        hash.float(background.noise);
+        background.paths.iter().for_each(|value| hash.float(*value));
+    }
     reference.receiver.silent_s.iter().flatten().for_each(|value| hash.float(*value));
     hash.float(reference.receiver.threshold);
     reference.last_heard.mean.iter().for_each(|value| hash.float(*value));

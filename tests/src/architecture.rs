@@ -25,7 +25,7 @@ const fn block(path: &'static str, states: &'static [&'static str]) -> Block {
 pub const BASE: [&str; 5] = ["real", "trace", "error", "radio", "model"];
 
 /// The blocks in the order of the cycle.
-pub const BLOCKS: [Block; 17] = [
+pub const BLOCKS: [Block; 18] = [
     block("perceptor/channel_estimator", &["ChannelEstimator"]),
     block("perceptor/gain_control", &["GainControl"]),
     block("perceptor/scan", &[]),
@@ -33,6 +33,7 @@ pub const BLOCKS: [Block; 17] = [
     block("perceptor/expectation", &[]),
     block("perceptor/association", &[]),
     block("perceptor/state_filter", &["StateFilter"]),
+    block("perceptor/below_threshold", &[]),
     block("perceptor/belief", &["TagBelief"]),
     block("memory/environment", &["EnvironmentMemory"]),
     block("memory/transmission", &["TransmissionMemory"]),

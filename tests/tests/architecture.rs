@@ -54,9 +54,13 @@ fn a_planted_violation_is_found() {
         ("perceptor/association/exact", "fn f(g: GainControl) {}", "names the state GainControl"),
         ("tracker/stages", "impl T { fn hidden(&mut self, x: u32) {} }", "hidden changes the whole tracker"),
         ("tracker/state", "impl T { pub fn step(&mut self) {} }", "step changes the whole tracker"),
-        ("tracker/stages", "fn f(tracker: &mut Tracker<1, 1, 1, 1, 1, 1, 1>) {}", "takes the whole tracker"),
+        (
+            "tracker/stages",
+            "fn f(tracker: &mut Tracker<1, 1, 1, 1, 1, 1, 1, 1>) {}",
+            "takes the whole tracker",
+        ),
         ("perceptor/scan", "use crate::Config;", "comes after it"),
-        ("model/motion", "fn f(t: &crate::Tracker<1, 1, 1, 1, 1, 1, 1>) {}", "names the state Tracker"),
+        ("model/motion", "fn f(t: &crate::Tracker<1, 1, 1, 1, 1, 1, 1, 1>) {}", "names the state Tracker"),
         ("memory/clutter", "use crate::memory::channel::*;", "comes after it"),
         ("utils", "", "is in no block"),
     ];

@@ -10,7 +10,7 @@ use cogmint_core::{
     Anchor, Config, Error, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall, Setting, Tracker,
 };
 
-type Small = Tracker<2, 4, 4, 4, 8, 40, 8>;
+type Small = Tracker<2, 4, 4, 4, 8, 40, 8, 800>;
 
 const ANCHORS: [Anchor; 2] =
     [Anchor { position_m: [0.5, 7.0], height_m: 1.0 }, Anchor { position_m: [5.2, 3.2], height_m: 1.0 }];

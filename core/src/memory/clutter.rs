@@ -1,28 +1,39 @@
-//! Clutter memory: how many measurements of each anchor belong to nothing known.
+//! Clutter memory: how many measurements of each anchor belong to nothing known, and what is left of its frames where no source
+//! is expected.
 
 use crate::model::clock::gain;
 use crate::model::measurement::Clutter;
 use crate::model::measurement::Ranging;
 use crate::perceptor::association::AssociationSettings;
+use crate::perceptor::below_threshold::strength::Background;
 use crate::real::larger;
 
 /// Tuned: how fast surroundings change, as the variance of the walk per second over that of one scan: 5 % at 10 Hz. So does the
 /// number of measurements, and the usual noise of a place where it falls.
 pub const WALK_PER_S: f32 = 0.026;
 
-/// Mean number of measurements per scan that belong to nothing known, by anchor.
+/// Guard: against shares of nothing, which no observation would raise: what comes back of the usual background, of what is observed.
+pub const FADING: f32 = 0.02;
+
+/// Mean number of measurements per scan that belong to nothing known, and what residuals are made of, by anchor.
 #[derive(Clone, Debug)]
 pub struct ClutterMemory<const ANCHORS: usize> {
     settings: AssociationSettings,
     per_m: f32,
     unexplained: [f32; ANCHORS],
+    backgrounds: [Background; ANCHORS],
 }
 
 impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
     /// What is expected at the start.
     pub fn new(settings: AssociationSettings, ranging: &Ranging) -> Self {
         let unexplained = settings.clutter_per_anchor + settings.unmapped_per_anchor;
-        Self { settings, per_m: 1.0 / ranging.max_range_m, unexplained: [unexplained; ANCHORS] }
+        Self {
+            settings,
+            per_m: 1.0 / ranging.max_range_m,
+            unexplained: [unexplained; ANCHORS],
+            backgrounds: [Background::USUAL; ANCHORS],
+        }
     }
 
     /// Intensities of what an anchor delivers that belongs to nothing known.
@@ -40,6 +51,25 @@ impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
             *unexplained =
                 larger(*unexplained + gain * (expected - *unexplained), self.settings.clutter_per_anchor);
         }
+    }
+
+    /// What is left of an anchor's frames where no source is expected.
+    pub fn background(&self, anchor: usize) -> &Background {
+        self.backgrounds.get(anchor).unwrap_or(&Background::USUAL)
+    }
+
+    /// Enters what was left of a frame, `elapsed_s` seconds after the last.
+    pub fn observe_background(&mut self, anchor: usize, background: &Background, elapsed_s: f32) {
+        if let Some(own) = self.backgrounds.get_mut(anchor) {
+            let gain = gain(WALK_PER_S, elapsed_s);
+            own.mix(background, gain);
+            own.mix(&Background::USUAL, FADING * gain);
+        }
+    }
+
+    /// All backgrounds, by anchor.
+    pub fn backgrounds(&self) -> &[Background; ANCHORS] {
+        &self.backgrounds
     }
 
     /// Mean number of measurements per scan that belong to nothing known, by anchor.

@@ -14,11 +14,13 @@ pub struct ChannelPrior {
     pub lasting: f32,
     /// SINR (linear) where nothing hides it, as far away as in the last frame.
     pub sinr: f32,
+    /// Probability that its path is there, found or not.
+    pub present: f32,
 }
 
 impl ChannelPrior {
     /// Nothing.
-    pub const UNKNOWN: Self = Self { seen: false, visibility: 1.0, lasting: 1.0, sinr: 0.0 };
+    pub const UNKNOWN: Self = Self { seen: false, visibility: 1.0, lasting: 1.0, sinr: 0.0, present: 1.0 };
 }
 
 /// What is known of the channels of all sources.

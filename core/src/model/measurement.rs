@@ -51,6 +51,15 @@ impl Ranging {
     }
 }
 
+impl Ranging {
+    /// What a frame `elapsed_s` seconds after the last tells of what it was not asked before, 0 to 1: (1 - rho) / (1 + rho) =
+    /// tanh(dt / 2 tau).
+    pub(crate) fn share(&self, elapsed_s: f32) -> f32 {
+        let apart = larger(expm1(elapsed_s / self.alike_s), LEAST_APART);
+        1.0 / (1.0 + 2.0 / apart)
+    }
+}
+
 /// Guard: against the division by it: least exp(dt / tau) - 1 of two frames.
 pub const LEAST_APART: f32 = 1e-6;
 

@@ -1,5 +1,6 @@
 //! Receiver: bad input is refused, frames become paths, and paths and ranges become one scan per anchor.
 
+use super::channel_estimator::residual::Residual;
 use super::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSettings};
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
@@ -30,9 +31,9 @@ pub struct LinkView {
 /// The scans of a cycle, in the order of the anchors.
 pub type Scans<const ANCHORS: usize, const PATHS: usize> = Vec<Scan<PATHS>, ANCHORS>;
 
-/// The receiver of all anchors: what it keeps from cycle to cycle.
+/// The receiver of all anchors: what it keeps from cycle to cycle, and what is left of the last frames, by so many points.
 #[derive(Clone, Debug)]
-pub struct Receiver<const ANCHORS: usize, const PATHS: usize> {
+pub struct Receiver<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> {
     radio: Radio,
     estimator_settings: EstimatorSettings,
     ranging: Ranging,
@@ -45,6 +46,10 @@ pub struct Receiver<const ANCHORS: usize, const PATHS: usize> {
     silent_s: [[f32; 2]; ANCHORS],
     /// Threshold on the normalised energy of a path, of the last anchor's last frame.
     threshold: f32,
+    /// What the paths of every anchor's last frame left of it.
+    residuals: [Residual<POINTS>; ANCHORS],
+    /// Whether that is kept.
+    leaves: bool,
 }
 
 /// Which anchors have delivered a frame and ranges in a cycle.
@@ -60,10 +65,16 @@ impl<const ANCHORS: usize> Default for Delivered<ANCHORS> {
     }
 }
 
-impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
-    /// Nothing received yet; `pulse` is that of the first action.
+impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANCHORS, PATHS, POINTS> {
+    /// Nothing received yet; `pulse` is that of the first action. What paths leave of frames is kept where it `leaves` anything.
     #[inline(always)] // built where it stays
-    pub fn new(radio: Radio, estimator_settings: EstimatorSettings, ranging: Ranging, pulse: Pulse) -> Self {
+    pub fn new(
+        radio: Radio,
+        estimator_settings: EstimatorSettings,
+        ranging: Ranging,
+        pulse: Pulse,
+        leaves: bool,
+    ) -> Self {
         let estimator = build_estimator(&radio, estimator_settings, pulse);
         let threshold = estimator.threshold();
         Self {
@@ -76,6 +87,8 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             last_sequence: [None; ANCHORS],
             silent_s: [[0.0; 2]; ANCHORS],
             threshold,
+            residuals: core::array::from_fn(|_| Residual::default()),
+            leaves: leaves && POINTS > 0,
         }
     }
 
@@ -194,7 +207,13 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
         if let (Some(sequence), Some(last)) = (frame.sequence, self.last_sequence.get_mut(frame.anchor)) {
             *last = Some(sequence);
         }
-        let Self { ranging, estimator, radio, .. } = self;
+        let Self { ranging, estimator, radio, residuals, .. } = self;
+        if self.leaves
+            && let Some(residual) = residuals.get_mut(frame.anchor)
+        {
+            let longest_m = ranging.max_range_m;
+            estimator.leave(frame.samples, frame.first_sample_delay_s, &estimate, longest_m, residual);
+        }
         scan.action = frame.action;
         let pulse_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         scan.frame = Some(FrameLevel {
@@ -235,6 +254,12 @@ impl<const ANCHORS: usize, const PATHS: usize> Receiver<ANCHORS, PATHS> {
             && frame.action != link.held
             && (link.sought_with == own || gain_control.sought_with() == own);
         gain_control.unit(frame.samples, white, elapsed_s, frame.action, link.loss_ln, is_sought)
+    }
+
+    /// What is left of the frame in a scan; `None` where that is not kept, or there is none.
+    pub fn residual(&self, scan: &Scan<PATHS>) -> Option<&Residual<POINTS>> {
+        let residual = self.residuals.get(scan.anchor)?;
+        (self.leaves && scan.is_framed()).then_some(residual)
     }
 
     /// All of a cycle is received.

@@ -42,7 +42,7 @@ use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::model::source::{Sight, Source};
 use crate::model::surface::Surface;
 use crate::perceptor::association::outcome::Innovation;
-use crate::real::{larger, sqrt};
+use crate::real::{larger, smaller, sqrt};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 
 /// Guard: against the rounding of the updates of a cycle: relative growth of every variance before them, 2^-19.
@@ -769,8 +769,20 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
 
     /// Applies the innovations of one cycle, whose regressions must all have been taken since [`Self::predict`].
     pub fn update(&mut self, innovations: impl IntoIterator<Item = Innovation>) {
+        self.update_and_read(innovations, core::iter::empty::<(&Regression, ())>(), |(), _, _| None);
+    }
+
+    /// The same, and then what else is known of ranges, each of which is `asked` for and `read` where the state expects it by then:
+    /// at this mean, metres, and with this variance, square metres.
+    pub fn update_and_read<'r, T>(
+        &mut self,
+        innovations: impl IntoIterator<Item = Innovation>,
+        asked: impl IntoIterator<Item = (&'r Regression, T)>,
+        mut read: impl FnMut(T, f32, f32) -> Option<Reading>,
+    ) {
         let mut innovations = innovations.into_iter().peekable();
-        if innovations.peek().is_none() {
+        let mut asked = asked.into_iter().peekable();
+        if innovations.peek().is_none() && asked.peek().is_none() {
             return;
         }
         self.cover_rounding();
@@ -778,6 +790,20 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mut pending = Pending::<SURFACES, CHANGES_PER_PASS>::new();
         for innovation in innovations {
             self.apply(&innovation, &prior, &mut pending);
+            if pending.waiting() == CHANGES_PER_PASS {
+                self.settle(&pending);
+                pending.clear();
+            }
+        }
+        for (regression, of) in asked {
+            let Some((direction, explained, shift)) = self.direction(regression, &prior, &pending) else {
+                continue;
+            };
+            let variance_m2 = explained + regression.residual_m2;
+            let Some(reading) = read(of, regression.range_m + shift, variance_m2) else { continue };
+            let change = reading.change(variance_m2);
+            self.step(&direction, change.mean, change.covariance);
+            pending.push(change.covariance, &direction.surfaces);
             if pending.waiting() == CHANGES_PER_PASS {
                 self.settle(&pending);
                 pending.clear();
@@ -992,6 +1018,29 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             let blocks = (0..=k).filter_map(|l| c.ss.get(k, l));
             blocks.for_each(|block| block.iter().for_each(|v| f(*v)));
         }
+    }
+}
+
+/// What is known of a range after something else than measurements of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Probability of what says so.
+    pub probability: f32,
+    /// By how much the range is longer then than expected, metres.
+    pub shift_m: f32,
+    /// Its variance then, square metres.
+    pub variance_m2: f32,
+}
+
+impl Reading {
+    /// What it does to a state that expects the range with this variance: with the probability p, the mean moves along w = C h by
+    /// shift / S, and C becomes C + (V / S - 1) / S w w'; what is not certain widens it.
+    fn change(&self, variance_m2: f32) -> SoftUpdate {
+        let inverse = 1.0 / variance_m2;
+        let (p, shift) = (self.probability, self.shift_m * inverse);
+        let within = p * ((self.variance_m2 * inverse - 1.0) * inverse);
+        let covariance = smaller(within + p * (1.0 - p) * (shift * shift), inverse);
+        SoftUpdate { mean: p * shift, covariance }
     }
 }
 

@@ -30,7 +30,8 @@ impl<
     const PATHS: usize,
     const ACTIONS: usize,
     const COMPONENTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>
+    const POINTS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
 {
     /// A tracker at the start configured that is told of its surroundings: [`Self::untold`], then [`Self::tell`].
     ///
@@ -73,7 +74,13 @@ impl<
         }
         let Config { start, ranging, .. } = config;
         Ok(Self {
-            receiver: Receiver::new(config.radio, config.estimator, ranging, config.radio.pulse(first)),
+            receiver: Receiver::new(
+                config.radio,
+                config.estimator,
+                ranging,
+                config.radio.pulse(first),
+                config.belief.reads_below_threshold,
+            ),
             belief: TagBelief::new(
                 StateFilter::new(
                     config.motion,

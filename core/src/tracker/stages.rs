@@ -13,6 +13,7 @@ use crate::model::plan::FloorPlan;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
 use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, STRONG, Sweep, propose};
 use crate::perceptor::belief::{TagBelief, anywhere};
+use crate::perceptor::below_threshold::{Reader, missed};
 use crate::perceptor::receiver::{Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
@@ -77,6 +78,70 @@ impl Heard {
     }
 }
 
+/// What reads the rest of the frame in a scan; `None` where that is not kept.
+pub(super) fn reader<
+    'a,
+    const ANCHORS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+    const POINTS: usize,
+>(
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    receiver: &'a Receiver<ANCHORS, PATHS, POINTS>,
+    clutter: &'a ClutterMemory<ANCHORS>,
+    scan: &Scan<PATHS>,
+) -> Option<Reader<'a, POINTS>> {
+    let share = told.config.ranging.share(scan.since_frame_s());
+    Some(Reader::new(scan, receiver.residual(scan)?, clutter.background(scan.anchor), share))
+}
+
+/// What is left of the frames where nothing is expected.
+#[inline(never)]
+pub(super) fn look_beside<
+    const ANCHORS: usize,
+    const SOURCES: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+    const POINTS: usize,
+>(
+    clutter: &mut ClutterMemory<ANCHORS>,
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    receiver: &Receiver<ANCHORS, PATHS, POINTS>,
+    outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
+) {
+    for (outcome, _) in outcomes {
+        let scan = outcome.scan;
+        let background = reader(told, receiver, clutter, scan).and_then(|reader| reader.background(outcome));
+        if let Some(background) = background {
+            clutter.observe_background(scan.anchor, &background, scan.since_frame_s());
+        }
+    }
+}
+
+/// Updates a state by a scan, and by what is left of its frame where sources were missed; ln of how much more probable that is than
+/// where there are none.
+fn update<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const PATHS: usize,
+    const POINTS: usize,
+>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    outcome: &mut AssociatedScan<'_, SOURCES, PATHS>,
+    reader: Option<&Reader<'_, POINTS>>,
+) -> f32 {
+    let Some(reader) = reader else {
+        filter.update(outcome.innovations());
+        return 0.0;
+    };
+    let mut looks = reader.begin();
+    filter.update_and_read(outcome.innovations(), missed(outcome), |source, range_m, variance_m2| {
+        looks.look(&source, range_m, variance_m2)
+    });
+    looks.note(&mut outcome.beliefs)
+}
+
 /// Compares all components with a scan and updates them by it. What the heaviest of them makes of it, and the `claims` on the scan,
 /// become the last of the outcomes; `None` where no component expects anything.
 #[inline(never)]
@@ -91,6 +156,7 @@ pub(super) fn hear<
     const PATHS: usize,
     const ACTIONS: usize,
     const COMPONENTS: usize,
+    const POINTS: usize,
 >(
     belief: &mut TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
@@ -98,7 +164,7 @@ pub(super) fn hear<
     channel: &ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     clutter: &ClutterMemory<ANCHORS>,
     (plan, walls): (&FloorPlan<SEGMENTS>, &Walls<'_, SEGMENTS>),
-    scan: &'a Scan<PATHS>,
+    (scan, reader): (&'a Scan<PATHS>, Option<&Reader<'_, POINTS>>),
     claims: Claims<PATHS>,
     outcomes: &'o mut Outcomes<'a, ANCHORS, SOURCES, PATHS>,
 ) -> Option<&'o AssociatedScan<'a, SOURCES, PATHS>> {
@@ -111,10 +177,11 @@ pub(super) fn hear<
         let known = Known { filter: &component.filter, environment, channel, plan, walls };
         let Some(expected) = known.expect(told, scan) else { continue };
         let outage = component.outages.predict(scan.anchor, scan.elapsed_s, &settings);
-        let outcome = associate_scan(scan, expected, &totals, &clutter.clutter(scan.anchor), outage, mode);
+        let mut outcome =
+            associate_scan(scan, expected, &totals, &clutter.clutter(scan.anchor), outage, mode);
         component.outages.set(scan.anchor, outcome.beliefs.outage);
         component.weight_nat += outcome.beliefs.evidence_nat;
-        component.filter.update(outcome.innovations());
+        component.weight_nat += update(&mut component.filter, &mut outcome, reader);
         // Kept where it stays: an outcome takes kilobytes.
         if let Some(claims) = claims.take() {
             // As many as scans: the push succeeds.
@@ -209,11 +276,12 @@ pub(super) fn remember<
     const SOURCES: usize,
     const PATHS: usize,
     const ACTIONS: usize,
+    const POINTS: usize,
 >(
     environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     clutter: &mut ClutterMemory<ANCHORS>,
-    receiver: &mut Receiver<ANCHORS, PATHS>,
+    receiver: &mut Receiver<ANCHORS, PATHS, POINTS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     is_lost: impl Fn(usize) -> bool,
     (is_searching, is_sure): (bool, bool),

@@ -17,6 +17,7 @@ use crate::model::plan::FloorPlan;
 use crate::model::source::Source;
 use crate::model::surface::Surface;
 use crate::perceptor::belief::TagBelief;
+use crate::perceptor::below_threshold::strength::Background;
 use crate::perceptor::expectation::Sighting;
 use crate::perceptor::gain_control::GainControl;
 use crate::perceptor::state_filter::StateFilter;
@@ -33,7 +34,8 @@ impl<
     const PATHS: usize,
     const ACTIONS: usize,
     const COMPONENTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS>
+    const POINTS: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
 {
     /// Narrows what may be chosen for `anchor` to these actions of the library: what its radio can do, or may. Where all
     /// anchors share one choice, it is narrowed for all. To be called before the first cycle: an action that is no longer
@@ -183,6 +185,11 @@ impl<
         &self.belief
     }
 
+    /// What is left of every anchor's frames where no source is expected.
+    pub fn backgrounds(&self) -> &[Background; ANCHORS] {
+        self.clutter.backgrounds()
+    }
+
     /// Mean number of measurements per scan of each anchor that nothing known explains.
     pub fn unexplained(&self) -> &[f32; ANCHORS] {
         self.clutter.unexplained()
@@ -241,6 +248,10 @@ impl<
             hash.float(controller.turn_s());
         }
         self.clutter.unexplained().iter().for_each(|v| hash.float(*v));
+        for background in self.clutter.backgrounds() {
+            hash.float(background.noise);
+            background.paths.iter().for_each(|v| hash.float(*v));
+        }
         self.receiver.silent_s().iter().flatten().for_each(|v| hash.float(*v));
         hash.float(self.receiver.threshold());
         self.last_heard.mean.iter().for_each(|v| hash.float(*v));
@@ -272,6 +283,8 @@ impl<
                 let Measurement { range_m, variance_m2, sinr, energy, false_alarm } = *measurement;
                 [range_m, variance_m2, sinr, energy, false_alarm].into_iter().for_each(|v| hash.float(v));
             }
+            let energies = self.receiver.residual(scan).map_or(&[][..], |residual| residual.energies());
+            energies.iter().for_each(|energy| hash.word(u32::from(*energy)));
         }
     }
 }

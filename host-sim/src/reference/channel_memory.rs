@@ -31,6 +31,8 @@ struct Row<T> {
     visibility: T,
     /// Probability that nothing has hidden it since it was last seen.
     lasting: T,
+    /// Probability that its path is there, though none was found yet.
+    unseen: T,
     /// None before the first frame.
     noise_ln: Option<T>,
     usual_ln: T,
@@ -45,6 +47,7 @@ impl<T: Real> Row<T> {
             spread_ln: T::ZERO,
             visibility: T::ONE,
             lasting: T::ONE,
+            unseen: T::of(0.5),
             noise_ln: None,
             usual_ln: T::ZERO,
             excess_ln: vec![T::ZERO; actions],
@@ -148,7 +151,9 @@ impl<T: Real> ChannelMemory<T> {
         let turned = T::of(0.5) * probability(2.0 * self.settings.hiding_per_s, dt);
         let kept = T::ONE - probability(self.settings.forgetting_per_s, dt);
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
-            row.visibility += turned * (T::ONE - T::of(2.0) * row.visibility);
+            for state in [&mut row.visibility, &mut row.unseen] {
+                *state += turned * (T::ONE - T::of(2.0) * *state);
+            }
             row.lasting *= T::ONE - turned;
         }
         for count in self.heard.iter_mut().flatten() {
@@ -230,14 +235,22 @@ impl<T: Real> ChannelMemory<T> {
         row.paths += weight;
     }
 
-    /// Enters that `source` was missed with probability `missed`; visible, it would have been found with probability `found`.
-    pub fn remember_missed(&mut self, source: Source, found: T, missed: T) {
+    /// Enters that `source` was missed with probability `missed`; visible, it would have been found with probability `found`, and if
+    /// not found, the rest of the frame is `rest` times as probable.
+    pub fn remember_missed(&mut self, source: Source, found: T, missed: T, rest: T) {
         let row = self.row_mut(source);
-        // Bayes: visible and not found, over not found; all along likewise.
-        let ratio = (T::ONE - found) / larger(T::ONE - row.visibility * found, T::of(1e-6));
-        for state in [&mut row.visibility, &mut row.lasting] {
-            *state = T::ONE + missed * (*state * ratio - T::ONE);
-        }
+        // Bayes: visible and not found, over not found; all along likewise, but no more than before.
+        let there = (T::ONE - found) * rest;
+        let ratio = there / larger(T::ONE - row.visibility * (T::ONE - there), T::of(1e-6));
+        row.visibility = T::ONE + missed * (row.visibility * ratio - T::ONE);
+        row.lasting = T::ONE + missed * (row.lasting * smaller(ratio, T::ONE) - T::ONE);
+    }
+
+    /// The same of a source that was never found: by the rest of the frame alone.
+    pub fn remember_unseen(&mut self, source: Source, missed: T, rest: T) {
+        let row = self.row_mut(source);
+        let ratio = rest / larger(T::ONE - row.unseen * (T::ONE - rest), T::of(1e-6));
+        row.unseen = T::ONE + missed * (row.unseen * ratio - T::ONE);
     }
 
     /// Counts a frame of an anchor.
@@ -272,6 +285,12 @@ impl<T: Real> ChannelMemory<T> {
     pub fn visibility(&self, source: Source) -> [T; 2] {
         let row = self.row(source);
         [if row.is_seen() { row.visibility } else { T::ONE }, row.visibility]
+    }
+
+    /// Probability that the path of a source is there, found or not.
+    pub fn present(&self, source: Source) -> T {
+        let row = self.row(source);
+        if row.is_seen() { row.visibility } else { row.unseen }
     }
 
     /// ln SINR expected of a source with an action, between 1e-3 and 1e12.
@@ -311,6 +330,7 @@ impl<T: Real> ChannelMemory<T> {
                 f(format_args!("ln squared distance of {kind} {index}"), row.spread_ln);
                 f(format_args!("visibility of {kind} {index}"), row.visibility);
                 f(format_args!("lasting visibility of {kind} {index}"), row.lasting);
+                f(format_args!("presence of unseen {kind} {index}"), row.unseen);
                 f(format_args!("ln noise of {kind} {index}"), row.noise_ln.unwrap_or(T::ZERO));
                 f(format_args!("usual ln noise of {kind} {index}"), row.usual_ln);
                 for (action, excess) in row.excess_ln.iter().enumerate() {

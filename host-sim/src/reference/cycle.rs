@@ -4,6 +4,7 @@
 use super::association::outcome::{Outcome, associate_scan, normalised_innovation};
 use super::availability::availability;
 use super::belief::{Belief, anywhere_nat, apart};
+use super::below_threshold::Reader;
 use super::channel_memory::ChannelMemory;
 use super::clutter::ClutterMemory;
 use super::controller::{Library, reward};
@@ -48,6 +49,8 @@ pub struct Capacity {
     pub actions: usize,
     /// Components of the belief.
     pub components: usize,
+    /// Points of what is left of a frame.
+    pub points: usize,
 }
 
 /// What a cycle did; see the core's report.
@@ -164,7 +167,7 @@ impl<T: Real> Reference<T> {
         let last_heard = filter.agent();
         Self {
             last_heard,
-            receiver: Receiver::new(&config, [capacity.anchors, capacity.paths], &first),
+            receiver: Receiver::new(&config, [capacity.anchors, capacity.paths, capacity.points], &first),
             belief: Belief::new(
                 filter,
                 config.start.velocity_std_m_s,
@@ -237,6 +240,7 @@ impl<T: Real> Reference<T> {
         for scan in scans {
             let (viewpoint, background) = leader_view(&told, belief.leading(), clutter, scan.anchor);
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
+            let reader = reader(&scan, clutter);
             let clutter = clutter.clutter(scan.anchor);
             let mut best: Option<(T, Outcome<T>)> = None;
             let settings = &config.belief;
@@ -245,10 +249,16 @@ impl<T: Real> Reference<T> {
                 let expected = known.expect(&told, &scan);
                 let mode = config.association.mode;
                 let outage = component.outages.predict(scan.anchor, scan.elapsed_s, settings);
-                let outcome = associate_scan(scan.clone(), expected, claims.clone(), &clutter, outage, mode);
+                let mut outcome =
+                    associate_scan(scan.clone(), expected, claims.clone(), &clutter, outage, mode);
                 component.outages.0[scan.anchor] = outcome.beliefs.outage;
                 component.weight_nat += outcome.beliefs.evidence_nat;
-                component.filter.update(&outcome.innovations());
+                match &reader {
+                    Some(reader) => {
+                        component.weight_nat += reader.update(&mut component.filter, &mut outcome);
+                    }
+                    None => component.filter.update(&outcome.innovations()),
+                }
                 // Order: the first of equals.
                 if best.as_ref().is_none_or(|(most, _)| component.weight_nat > *most) {
                     best = Some((component.weight_nat, outcome));
@@ -302,6 +312,12 @@ impl<T: Real> Reference<T> {
         memories.remember(&told, &out, (searching, is_sure), receiver, controllers, &outcomes);
         let mut changes = Changes::default();
         if is_sure {
+            for Outcome { scan, expected, .. } in &outcomes {
+                let beside = reader(scan, clutter).and_then(|reader| reader.beside(expected));
+                if let (Some(beside), Some(frame)) = (beside, &scan.frame) {
+                    clutter.remember_background(scan.anchor, &beside, frame.elapsed_s);
+                }
+            }
             look_through(transmission, &told, walls, &Place::of(&posterior), &outcomes);
             let mut map = Revision { belief, environment, channel, discovery, joining };
             changes = map.revise(&told, clutter, &outcomes);
@@ -352,4 +368,16 @@ impl<T: Real> Reference<T> {
         self.cycle = cycle.wrapping_add(1);
         Intermediates { estimates, heard: outcomes, report }
     }
+}
+
+/// What reads the rest of a scan's frame, where that is kept.
+fn reader<'a, T: Real>(scan: &'a Scan<T>, clutter: &'a ClutterMemory<T>) -> Option<Reader<'a, T>> {
+    let frame = scan.frame.as_ref()?;
+    let background = &clutter.backgrounds[scan.anchor];
+    Some(Reader::new(
+        frame.residual.as_ref()?,
+        background,
+        [frame.threshold, frame.resolution_m],
+        frame.share,
+    ))
 }

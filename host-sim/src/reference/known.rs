@@ -12,7 +12,7 @@ use super::overlap::{Arrival, overlap};
 use super::plan::FloorPlan;
 use super::proposal::{Landmark, Sweep};
 use super::range::{Regression, Sight};
-use super::real::{Real, larger, limited, smaller, sqrt};
+use super::real::{Real, larger, limited, ln, smaller, sqrt};
 use super::receiver::Scan;
 use super::state_filter::StateFilter;
 use cogmint_core::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION};
@@ -59,6 +59,12 @@ pub struct Expected<T> {
     pub sighting: Sighting,
     /// Share of its detection probability that does not rest on its coming out again.
     pub lasting: T,
+    /// Probability that its path is there, found or not.
+    pub present: T,
+    /// ln SINR that it has then.
+    pub sinr_ln: T,
+    /// Whether a frame has shown it.
+    pub is_seen: bool,
 }
 
 /// How probable it is that the path of an existing source is found.
@@ -72,6 +78,8 @@ pub struct Detection<T> {
     pub sighting: Sighting,
     /// See [`Expected::lasting`].
     pub lasting: T,
+    /// SINR of its path where nothing hides it.
+    pub sinr: T,
 }
 
 /// A source whose path may be found.
@@ -163,7 +171,7 @@ impl<T: Real> Known<'_, T> {
             let (availability, sequence) = self.available(told, source, &place);
             let regression = self.filter.regress(source, &sight, sequence.as_ref());
             let prospect = Prospect { source, range_m: Some(regression.range_m), availability };
-            let Detection { probability, found, sighting, lasting } =
+            let Detection { probability, found, sighting, lasting, sinr } =
                 detection(told, scan, self.environment, self.channel, &prospect);
             let feature = Expectation {
                 range_m: regression.range_m,
@@ -171,7 +179,17 @@ impl<T: Real> Known<'_, T> {
                 existence: self.environment.existence(source),
                 detection: probability,
             };
-            expected.push(Expected { regression, feature, found, sighting, lasting });
+            let least = T::of(UNAVAILABLE_DETECTION);
+            expected.push(Expected {
+                regression,
+                feature,
+                found,
+                sighting,
+                lasting,
+                present: self.channel.present(source) * (least + (T::ONE - least) * availability),
+                sinr_ln: ln(larger(sinr, T::of(f32::MIN_POSITIVE))),
+                is_seen: self.channel.has_seen(source),
+            });
         }
         if scan.frame.is_some() {
             let pulse = told.library.pulse(scan.action, &told.config.radio);
@@ -254,8 +272,9 @@ pub fn detection<T: Real>(
     let (mut found, mut clear) = (usual, usual);
     let lasting;
     let mut unknown = false;
+    let mut sinr = T::ZERO;
     if let Some(frame) = &scan.frame {
-        let mut sinr = channel.sinr(source, scan.action);
+        sinr = channel.sinr(source, scan.action);
         if let Some(range_m) = range_m
             && let Some(level) = scan.level(range_m)
             && let Some(now) = channel.sinr_over(source, scan.action, range_m, level)
@@ -283,6 +302,7 @@ pub fn detection<T: Real>(
         found,
         lasting: smaller(lasting * found / probability, T::ONE),
         sighting: if hidden { Sighting::Hidden } else { Sighting::Open },
+        sinr,
     }
 }
 

@@ -32,6 +32,7 @@
 pub mod association;
 pub mod availability;
 pub mod belief;
+pub mod below_threshold;
 pub mod channel_estimator;
 pub mod channel_memory;
 pub mod clock;

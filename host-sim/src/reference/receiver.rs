@@ -1,7 +1,7 @@
 //! Receiver: frames become paths; paths and ranges become one scan per anchor.
 
 use super::association::{Measurement, false_alarm};
-use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel};
+use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel, Residual};
 use super::controller::Library;
 use super::gain_control::GainControl;
 use super::pulse::Pulse;
@@ -52,6 +52,10 @@ pub struct Level<T> {
     pub resolution_m: T,
     /// What paths have on top of their variances because the last frame's were off alike, square metres.
     pub alike_m2: T,
+    /// What is left of the frame, where that is kept.
+    pub residual: Option<Residual<T>>,
+    /// What the frame counts of one that comes long after the last.
+    pub share: T,
 }
 
 impl<T: Real> Scan<T> {
@@ -87,8 +91,9 @@ pub struct Receiver<T> {
     radio: Radio,
     settings: EstimatorSettings,
     ranging: Ranging,
-    /// Most measurements of a scan.
+    /// Most measurements of a scan, and most points of what is left of a frame.
     room: usize,
+    points: usize,
     /// The estimator of each pulse met so far.
     estimators: Vec<(Pulse<T>, ChannelEstimator<T>)>,
     /// Threshold of the pulse last used.
@@ -103,12 +108,13 @@ pub struct Receiver<T> {
 
 impl<T: Real> Receiver<T> {
     /// Receivers of so many anchors, set to `first`, with room for so many measurements per scan.
-    pub fn new(config: &Config, [anchors, room]: [usize; 2], first: &Pulse<T>) -> Self {
+    pub fn new(config: &Config, [anchors, room, points]: [usize; 3], first: &Pulse<T>) -> Self {
         let mut receiver = Self {
             radio: config.radio,
             settings: config.estimator,
             ranging: config.ranging,
             room,
+            points: if config.belief.reads_below_threshold { points } else { 0 },
             estimators: Vec::new(),
             threshold: T::ZERO,
             gain_control: vec![GainControl::default(); anchors],
@@ -212,6 +218,10 @@ impl<T: Real> Receiver<T> {
         let estimator = self.estimator(pulse);
         let estimate = estimator.estimate(frame.samples, first_sample_delay_s);
         let threshold = estimator.threshold();
+        let longest_m = T::of(self.ranging.max_range_m);
+        let estimator = self.estimator(pulse);
+        let mut residual = estimator.residual(frame.samples, first_sample_delay_s, &estimate, longest_m);
+        residual.energies.truncate(self.points);
         let elapsed_s = std::mem::replace(&mut self.silent_s[frame.anchor][1], T::ZERO);
         let unit = self.unit(frame, estimate.noise.white, elapsed_s, link, loss_ln);
         let resolution_m = pulse.duration_s * speed_of_light();
@@ -257,6 +267,8 @@ impl<T: Real> Receiver<T> {
             threshold,
             resolution_m,
             alike_m2: self.alike_m2(resolution_m, elapsed_s),
+            residual: (self.points > 0).then_some(residual),
+            share: T::ONE / (T::ONE + T::of(2.0) / self.apart(elapsed_s)),
         });
         self.threshold = threshold;
         if frame.sequence.is_some() {
@@ -267,8 +279,12 @@ impl<T: Real> Receiver<T> {
 
     /// Errors correlated by rho from frame to frame: (1 + rho) / (1 - rho) - 1 = 2 / (exp(dt / tau) - 1) times their variance more.
     fn alike_m2(&self, resolution_m: T, dt: T) -> T {
-        let apart = larger(exp_m1(dt / T::of(self.ranging.alike_s)), T::of(LEAST_APART));
-        square(T::of(self.ranging.floor_pulses) * resolution_m) * (T::of(2.0) / apart)
+        square(T::of(self.ranging.floor_pulses) * resolution_m) * (T::of(2.0) / self.apart(dt))
+    }
+
+    /// 1 / rho - 1.
+    fn apart(&self, dt: T) -> T {
+        larger(exp_m1(dt / T::of(self.ranging.alike_s)), T::of(LEAST_APART))
     }
 
     /// What the powers of a frame are measured in.

@@ -113,7 +113,9 @@ impl<T: Real> Memories<'_, T> {
                 self.channel.remember_noise(source, received, [range_m, level]);
             }
             if scan.frame.is_none() || self.channel.has_seen(source) {
-                self.channel.remember_missed(source, expected.found, belief.missed);
+                self.channel.remember_missed(source, expected.found, belief.missed, belief.rest);
+            } else {
+                self.channel.remember_unseen(source, belief.missed, belief.rest);
             }
         }
         if scan.frame.is_some() {

@@ -14,7 +14,7 @@
 use super::image::Image;
 use super::motion::{AGENT, Agent, MotionStep, PX, PY, ProcessNoise, VX, VY};
 use super::range::{Regression, SMALLEST_SPREAD_M2, Sight, regress_distance};
-use super::real::{Real, larger, sqrt, square};
+use super::real::{Real, larger, smaller, sqrt, square};
 use super::soft_update::{Moments, SoftUpdate};
 use super::surface::Surface;
 use super::{Matrix, Square, product, transposed, zeros};
@@ -25,6 +25,18 @@ use cogmint_core::perceptor::state_filter::{
     ROTATION_LIMIT, ROTATION_WALK_PER_M2, ROUNDING_MARGIN, SURFACE_LIMIT_M2, VELOCITY_LIMIT,
 };
 use std::fmt;
+
+/// What is known of a range by something else than measurements of it: how probably that is so, by how much longer it is than
+/// expected (metres), and its variance (square metres).
+#[derive(Clone, Copy, Debug)]
+pub struct Reading<T> {
+    /// Probability.
+    pub probability: T,
+    /// Metres.
+    pub shift_m: T,
+    /// Square metres.
+    pub variance_m2: T,
+}
 
 /// What the measurements of one feature amount to.
 #[derive(Clone, Copy, Debug)]
@@ -587,7 +599,17 @@ impl<T: Real> StateFilter<T> {
 
     /// Applies the innovations of a cycle in the order given. All lines were taken at the state as it is now.
     pub fn update(&mut self, innovations: &[Innovation<T>]) {
-        if innovations.is_empty() {
+        self.update_and_read(innovations, &[], |(), _, _| None);
+    }
+
+    /// The same, and then what else says where a range is: `read` with the range and its variance as they are by then.
+    pub fn update_and_read<S: Copy>(
+        &mut self,
+        innovations: &[Innovation<T>],
+        asked: &[(Regression<T>, S)],
+        mut read: impl FnMut(S, T, T) -> Option<Reading<T>>,
+    ) {
+        if innovations.is_empty() && asked.is_empty() {
             return;
         }
         self.cover_rounding();
@@ -595,6 +617,33 @@ impl<T: Real> StateFilter<T> {
         for innovation in innovations {
             self.apply(innovation, &prior);
         }
+        for (regression, of) in asked {
+            let (w, explained, moved) = self.along(regression, &prior);
+            let variance = explained + regression.residual_m2;
+            if let Some(Reading { probability, shift_m, variance_m2 }) =
+                read(*of, regression.range_m + moved, variance)
+            {
+                // A mixture: with this probability N(shift, V) in place of N(0, S).
+                let inverse = T::ONE / variance;
+                let shift = shift_m * inverse;
+                let within = probability * ((variance_m2 * inverse - T::ONE) * inverse);
+                let between = probability * (T::ONE - probability) * (shift * shift);
+                let covariance = smaller(within + between, inverse);
+                self.step(&w, &SoftUpdate { mean: probability * shift, covariance });
+            }
+        }
+    }
+
+    /// C h, h' C h, and by how much the range has changed since the line was taken at the prior.
+    fn along(&self, regression: &Regression<T>, prior: &[T]) -> (Vec<T>, T, T) {
+        let mut w = vec![T::ZERO; self.mean.len()];
+        for i in self.active() {
+            w[i] = self.covariance_with(regression, i);
+        }
+        let explained = larger(self.form(regression, &w), T::ZERO);
+        let moved: Vec<T> = (0..w.len()).map(|i| self.mean[i] - prior[i]).collect();
+        let moved = self.form(regression, &moved);
+        (w, explained, moved)
     }
 
     /// Every variance grows by what rounding may take.
@@ -606,15 +655,8 @@ impl<T: Real> StateFilter<T> {
 
     fn apply(&mut self, innovation: &Innovation<T>, prior: &[T]) {
         let Innovation { regression, moments, variance_m2, alike_m2 } = innovation;
-        let active = self.active();
-        let mut w = vec![T::ZERO; self.mean.len()];
-        for &i in &active {
-            w[i] = self.covariance_with(regression, i);
-        }
-        let explained = larger(self.form(regression, &w), T::ZERO);
-        // The line was taken at the prior; since then the state has moved along it.
-        let moved: Vec<T> = (0..w.len()).map(|i| self.mean[i] - prior[i]).collect();
-        let moments = moments.shifted(self.form(regression, &moved));
+        let (w, explained, moved) = self.along(regression, prior);
+        let moments = moments.shifted(moved);
         // Order: what the state does not explain first.
         let variance = explained + (*variance_m2 + regression.residual_m2 + *alike_m2);
         self.step(&w, &SoftUpdate::new(&moments, variance, explained));

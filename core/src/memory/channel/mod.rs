@@ -107,6 +107,8 @@ struct Row<const ACTIONS: usize> {
     visibility: f32,
     /// Probability that nothing has hidden it since it was last seen.
     lasting: f32,
+    /// Probability that its path is there although no frame has shown it.
+    unseen: f32,
     /// ln of the level of noise where its path arrives, without interference; `None` before the first frame.
     noise_ln: Option<f32>,
     /// Slow mean of that.
@@ -123,6 +125,7 @@ impl<const ACTIONS: usize> Default for Row<ACTIONS> {
             spread_ln: 0.0,
             visibility: 1.0,
             lasting: 1.0,
+            unseen: 0.5,
             noise_ln: None,
             usual_ln: 0.0,
             excess_ln: [0.0; ACTIONS],
@@ -229,6 +232,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
         for row in self.direct.iter_mut().chain(&mut self.virtual_anchors) {
             row.visibility += turned * (1.0 - 2.0 * row.visibility);
             row.lasting *= 1.0 - turned;
+            row.unseen += turned * (1.0 - 2.0 * row.unseen);
         }
         for count in self.heard.iter_mut().flatten() {
             *count *= kept;
@@ -332,12 +336,21 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
     }
 
     /// Enters that `source` was missed with probability `missed` in a scan where it would have been found with probability
-    /// `found`, had nothing hidden it.
-    pub fn remember_missed(&mut self, source: Source, found: f32, missed: f32) {
+    /// `found`, had nothing hidden it. The rest of the frame is `rest` times as probable if it was there and not found.
+    pub fn remember_missed(&mut self, source: Source, found: f32, missed: f32, rest: f32) {
         if let Some(row) = self.row_mut(source) {
-            let left = (1.0 - found) / larger(1.0 - row.visibility * found, 1e-6);
+            let there = (1.0 - found) * rest;
+            let left = there / larger(1.0 - row.visibility * (1.0 - there), 1e-6);
             row.visibility = 1.0 + missed * (row.visibility * left - 1.0);
-            row.lasting = 1.0 + missed * (row.lasting * left - 1.0);
+            row.lasting = 1.0 + missed * (row.lasting * smaller(left, 1.0) - 1.0);
+        }
+    }
+
+    /// Enters the same of one that no frame has shown yet.
+    pub fn remember_unseen(&mut self, source: Source, missed: f32, rest: f32) {
+        if let Some(row) = self.row_mut(source) {
+            let left = rest / larger(1.0 - row.unseen * (1.0 - rest), 1e-6);
+            row.unseen = 1.0 + missed * (row.unseen * left - 1.0);
         }
     }
 
@@ -399,6 +412,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
             f(row.spread_ln);
             f(row.visibility);
             f(row.lasting);
+            f(row.unseen);
             f(row.noise_ln.unwrap_or(0.0));
             f(row.usual_ln);
             row.excess_ln.iter().for_each(|value| f(*value));
@@ -447,6 +461,9 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> ChannelKn
             visibility: self.visibility(source),
             lasting: self.row(source).filter(|row| row.is_seen()).map_or(1.0, |row| row.lasting),
             sinr: self.sinr(source, action),
+            present: self
+                .row(source)
+                .map_or(1.0, |row| if row.is_seen() { row.visibility } else { row.unseen }),
         }
     }
 }
@@ -489,7 +506,7 @@ mod tests {
         }
         memory.remember_noise(SOURCE, action, &shares, (2.0, level), jump, 0.1);
         let found = detection_probability(memory.sinr(SOURCE, action), 6.0);
-        memory.remember_missed(SOURCE, found, if path.is_some() { 0.0 } else { 1.0 });
+        memory.remember_missed(SOURCE, found, if path.is_some() { 0.0 } else { 1.0 }, 1.0);
         memory.remember_frame(0, &shares);
     }
 

@@ -26,7 +26,7 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
             // Of ranges it is known only whether they are there.
             if is_placed {
                 for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
-                    self.remember_missed(regression.source, view.found, belief.missed);
+                    self.remember_missed(regression.source, view.found, belief.missed, 1.0);
                 }
             }
             return;
@@ -38,7 +38,9 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
                 self.observe_source(regression, scan, &shares, belief, jump);
                 // Of what was never seen in a frame, it is not known what would be found.
                 if self.has_seen(regression.source) {
-                    self.remember_missed(regression.source, view.found, belief.missed);
+                    self.remember_missed(regression.source, view.found, belief.missed, belief.rest);
+                } else {
+                    self.remember_unseen(regression.source, belief.missed, belief.rest);
                 }
             } else {
                 self.observe_level(regression, scan, &shares, jump);

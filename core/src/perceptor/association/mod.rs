@@ -89,6 +89,8 @@ pub struct Belief<const PATHS: usize> {
     pub existence: f32,
     /// Its part in the most probable joint association.
     pub joint: Joint,
+    /// How much more probable the rest of the frame is if its path is there and was not found; 1 where that says nothing.
+    pub rest: f32,
 }
 
 /// The outcome for one anchor: `direct` path first, then its virtual anchors in the order given.
@@ -230,7 +232,8 @@ fn associate_within<const SOURCES: usize, const PATHS: usize>(
     let count = measurements.len();
     let mut rows = Rows::empty();
     rows.fill(direct, virtual_anchors, measurements, background);
-    let blank = Belief { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown };
+    let blank =
+        Belief { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown, rest: 1.0 };
     let mut beliefs = Beliefs {
         direct: blank,
         virtual_anchors: Vec::new(),

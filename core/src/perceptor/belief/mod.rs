@@ -57,6 +57,8 @@ pub struct BeliefSettings {
     pub walls_bar_ways: bool,
     /// Whether the walls of the plan hide paths, and end where it tells.
     pub walls_hide_paths: bool,
+    /// Whether the rest of a frame is read where sources are expected whose paths were not found.
+    pub reads_below_threshold: bool,
 }
 
 impl Default for BeliefSettings {
@@ -70,6 +72,7 @@ impl Default for BeliefSettings {
             comparisons: 64,
             walls_bar_ways: true,
             walls_hide_paths: true,
+            reads_below_threshold: true,
         }
     }
 }

@@ -12,6 +12,22 @@ pub const PHASES: usize = 64;
 /// Mathematics: phases kept; the other half mirrors them.
 const KEPT: usize = PHASES / 2;
 
+/// The weights of the taps at one place between two samples.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kernel {
+    /// From the first tap to the last, or, mirrored, from the last to the first.
+    weights: [f32; TAPS],
+    is_mirrored: bool,
+}
+
+impl Kernel {
+    /// The value there of a window of [`TAPS`] samples.
+    pub fn of(&self, window: &[Complex]) -> Complex {
+        let weights = self.weights.iter().copied();
+        if self.is_mirrored { sum(window.iter().rev().zip(weights)) } else { sum(window.iter().zip(weights)) }
+    }
+}
+
 /// A 16-tap sinc under the window (1 - (d/8)^2)^2, tabulated over the position between two samples.
 #[derive(Clone, Debug)]
 pub(super) struct Interpolation {
@@ -34,6 +50,27 @@ impl Interpolation {
         Self { kernels }
     }
 
+    /// The weights of the taps for positions `fraction` of a sample after the one with the number [`BEFORE`].
+    pub fn kernel(&self, fraction: f32) -> Kernel {
+        let mut weights = [0.0; TAPS];
+        for (weight, tap) in weights.iter_mut().zip(self.weights(fraction)) {
+            *weight = tap;
+        }
+        Kernel { weights, is_mirrored: fraction > 0.5 }
+    }
+
+    /// The weights of the taps; in the second half of a sample from the last tap to the first, as those of the first half.
+    fn weights(&self, fraction: f32) -> impl Iterator<Item = f32> + '_ {
+        // Not negative, so truncation is the floor.
+        let phase = PHASES as f32 * if fraction > 0.5 { 1.0 - fraction } else { fraction };
+        let step = (phase as usize).min(KEPT - 1);
+        let between = phase - step as f32;
+        let pair = self.kernels.get(step..step + 2).unwrap_or(&[]);
+        let (low, high) = (pair.first(), pair.last());
+        let pairs = low.into_iter().flatten().zip(high.into_iter().flatten());
+        pairs.map(move |(low, high)| low + between * (high - low))
+    }
+
     /// The frame at `position`, samples into it; samples beyond the frame count as zero.
     pub fn at(&self, samples: &[Complex], position: f32) -> Complex {
         let base = floor(position);
@@ -53,12 +90,7 @@ impl Interpolation {
 
     /// The sum of the taps of a window, `fraction` of a sample after its middle.
     fn weigh<'a>(&self, window: impl DoubleEndedIterator<Item = &'a Complex>, fraction: f32) -> Complex {
-        // Not negative, so truncation is the floor.
-        let phase = PHASES as f32 * if fraction > 0.5 { 1.0 - fraction } else { fraction };
-        let step = (phase as usize).min(KEPT - 1);
-        let between = phase - step as f32;
-        let Some([low, high]) = self.kernels.get(step..step + 2) else { return [0.0; 2] };
-        let weights = low.iter().zip(high).map(|(low, high)| low + between * (high - low));
+        let weights = self.weights(fraction);
         if fraction > 0.5 { sum(window.rev().zip(weights)) } else { sum(window.zip(weights)) }
     }
 }

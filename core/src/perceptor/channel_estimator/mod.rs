@@ -18,6 +18,7 @@ mod gram;
 pub mod interpolation;
 pub mod magnitude;
 pub mod noise;
+pub mod residual;
 
 use crate::model::observation::{Complex, SampleFault, Samples};
 use crate::radio::pulse::{Pulse, PulseTable};

@@ -12,7 +12,7 @@ use crate::model::channel::ChannelPrior;
 use crate::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION, detection_probability};
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
-use crate::real::{limited, smaller};
+use crate::real::{larger, limited, ln, smaller};
 use heapless::Vec;
 
 /// What is expected of one feature before the measurements arrive.
@@ -67,6 +67,12 @@ impl Prospect {
     /// How probable it is that its path is found: see [`detection`].
     pub fn detection<const PATHS: usize>(&self, scan: &Scan<PATHS>, told: f32) -> Detection {
         detection(scan, told, &self.channel, self.sinr_here, self.is_unseen_image, self.availability)
+    }
+
+    /// SINR as remembered, or less where the frame is noisier.
+    fn sinr_now(&self) -> f32 {
+        let sinr = self.channel.sinr;
+        self.sinr_here.map_or(sinr, |here| smaller(sinr, here))
     }
 }
 
@@ -127,6 +133,12 @@ pub struct View {
     pub lasting: f32,
     /// Whether it can be seen.
     pub sighting: Sighting,
+    /// Probability that its path is there, found or not.
+    pub present: f32,
+    /// ln SINR expected of it then.
+    pub sinr_ln: f32,
+    /// Whether a frame has shown it.
+    pub is_seen: bool,
 }
 
 impl<const SOURCES: usize> Expectations<SOURCES> {
@@ -227,7 +239,16 @@ fn expectation(regression: &Regression, existence: f32, detection: &Detection) -
 }
 
 fn view(prospect: &Prospect, detection: &Detection) -> View {
-    let ChannelPrior { lasting, sinr, .. } = prospect.channel;
+    let Prospect { channel, availability, .. } = prospect;
+    let ChannelPrior { lasting, sinr, seen, present, .. } = *channel;
     let lasting = smaller(lasting * detection.found / detection.probability, 1.0);
-    View { sinr, found: detection.found, lasting, sighting: detection.sighting }
+    View {
+        sinr,
+        found: detection.found,
+        lasting,
+        sighting: detection.sighting,
+        present: present * (UNAVAILABLE_DETECTION + (1.0 - UNAVAILABLE_DETECTION) * availability),
+        sinr_ln: ln(larger(prospect.sinr_now(), f32::MIN_POSITIVE)),
+        is_seen: seen,
+    }
 }

@@ -24,10 +24,11 @@ enum Name {
     Components,
     WallsBarWays,
     WallsHidePaths,
+    ReadsBelowThreshold,
 }
 
 impl Name {
-    const ALL: [Self; 9] = [
+    const ALL: [Self; 10] = [
         Self::Turns,
         Self::Elsewhere,
         Self::SplitAbove,
@@ -37,6 +38,7 @@ impl Name {
         Self::Components,
         Self::WallsBarWays,
         Self::WallsHidePaths,
+        Self::ReadsBelowThreshold,
     ];
 
     const fn as_str(self) -> &'static str {
@@ -50,6 +52,7 @@ impl Name {
             Self::Components => "components",
             Self::WallsBarWays => "walls_bar_ways",
             Self::WallsHidePaths => "walls_hide_paths",
+            Self::ReadsBelowThreshold => "reads_below_threshold",
         }
     }
 }
@@ -69,6 +72,7 @@ impl BeliefSetting {
             Name::Components => settings.comparisons = (value * anchors as f32) as u16,
             Name::WallsBarWays => settings.walls_bar_ways = value != 0.0,
             Name::WallsHidePaths => settings.walls_hide_paths = value != 0.0,
+            Name::ReadsBelowThreshold => settings.reads_below_threshold = value != 0.0,
         }
     }
 }
@@ -88,7 +92,7 @@ impl FromStr for BeliefSetting {
         };
         let (is_count, is_switch) = match name {
             Name::Comparisons | Name::Components => (true, false),
-            Name::WallsBarWays | Name::WallsHidePaths => (false, true),
+            Name::WallsBarWays | Name::WallsHidePaths | Name::ReadsBelowThreshold => (false, true),
             _ => (false, false),
         };
         if is_count && !(value >= 1.0 && value <= f32::from(u16::MAX) && value.fract() == 0.0) {
@@ -117,7 +121,7 @@ mod tests {
         let mut seen = Vec::new();
         for name in Name::ALL {
             let value = match name {
-                Name::WallsBarWays | Name::WallsHidePaths => 0.0,
+                Name::WallsBarWays | Name::WallsHidePaths | Name::ReadsBelowThreshold => 0.0,
                 _ => 3.0,
             };
             let text = format!("{}={value}", name.as_str());

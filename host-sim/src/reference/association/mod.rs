@@ -89,6 +89,8 @@ pub struct Belief<T> {
     pub existence: T,
     /// Its part in the most probable joint association of its cluster.
     pub joint: Joint,
+    /// How much more probable the rest of the frame is if its path is there and was not found.
+    pub rest: T,
 }
 
 /// The outcome for one anchor.
@@ -275,7 +277,7 @@ pub fn associate<T: Real>(
         // The part of "no measurement" in which the feature exists.
         let undetected = features[k].existence * (T::ONE - features[k].detection) / absent[k];
         let existence = T::ONE - missed * (T::ONE - undetected);
-        beliefs.push(Belief { missed, associated, existence, joint });
+        beliefs.push(Belief { missed, associated, existence, joint, rest: T::ONE });
     }
     let mut unassociated = Vec::new();
     for m in 0..columns {

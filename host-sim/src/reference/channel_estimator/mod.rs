@@ -10,6 +10,7 @@ mod interpolation;
 mod linear_algebra;
 mod magnitude;
 mod noise;
+mod residual;
 
 use super::pulse::{Pulse, PulseTable};
 use super::real::{Real, larger, limited, ln, pi, speed_of_light, sqrt, square};
@@ -19,6 +20,7 @@ use cogmint_core::perceptor::channel_estimator::{EstimatorSettings, LEAST_SINR, 
 use interpolation::Interpolation;
 
 pub use noise::{DenseMultipath, NoiseLevel};
+pub use residual::Residual;
 
 /// One path.
 #[derive(Clone, Copy, Debug)]

@@ -111,7 +111,7 @@ impl<T: Real> NoiseLevel<T> {
         let mut sum = [T::ZERO; 2];
         for n in 0..samples {
             if n % self.node_samples == 0 {
-                sum = self.sums[n / self.node_samples];
+                sum = self.sums.get(n / self.node_samples).copied().unwrap_or([T::ZERO; 2]);
             }
             levels.push(self.white + (sum[0] - T::of(ONSET) * sum[1]));
             sum = [sum[0] * step[0], sum[1] * step[1]];
