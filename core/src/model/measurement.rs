@@ -47,16 +47,17 @@ impl Ranging {
     /// What the filter adds to it `elapsed_s` seconds after the last frame: of errors with the correlation rho = exp(-dt / tau)
     /// from frame to frame, a frame tells as much as one of (1 + rho) / (1 - rho) times their variance.
     pub(crate) fn alike_m2(&self, pulse_m: f32, elapsed_s: f32) -> f32 {
-        self.unresolved_m2(pulse_m) * (2.0 / larger(expm1(elapsed_s / self.alike_s), LEAST_APART))
+        self.unresolved_m2(pulse_m) * self.repeated(elapsed_s)
     }
-}
 
-impl Ranging {
-    /// What a frame `elapsed_s` seconds after the last tells of what it was not asked before, 0 to 1: (1 - rho) / (1 + rho) =
-    /// tanh(dt / 2 tau).
+    /// What such a frame tells of what one tells that comes long after the last, 0 to 1: (1 - rho) / (1 + rho).
     pub(crate) fn share(&self, elapsed_s: f32) -> f32 {
-        let apart = larger(expm1(elapsed_s / self.alike_s), LEAST_APART);
-        1.0 / (1.0 + 2.0 / apart)
+        1.0 / (1.0 + self.repeated(elapsed_s))
+    }
+
+    /// (1 + rho) / (1 - rho) - 1.
+    fn repeated(&self, elapsed_s: f32) -> f32 {
+        2.0 / larger(expm1(elapsed_s / self.alike_s), LEAST_APART)
     }
 }
 

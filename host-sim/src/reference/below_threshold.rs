@@ -13,15 +13,10 @@ use super::real::{Real, abs, exp, larger, limited, ln, smaller, sqrt, square};
 use super::state_filter::{Reading, StateFilter};
 use cogmint_core::perceptor::below_threshold::strength::{self, CLASSES, FIRST_LN, STEP_LN};
 use cogmint_core::perceptor::below_threshold::{
-    LEAST_CHANGE, LEAST_PRESENCE, LEAST_RATIO, SEEN_STEPS, UNSEEN_STEPS, VARIANCE_LEFT,
+    APART_PULSES, LEAST_CHANGE, LEAST_PRESENCE, LEAST_RATIO, NODE_STD, NODE_SUMS, NODES, SEEN_STEPS,
+    UNSEEN_STEPS, VARIANCE_LEFT,
 };
 use cogmint_core::radio::pulse::MERGED;
-
-/// Weights of the quadrature at 0, 0.6, ... 3 deviations, as the core rounds them.
-const NODES: [f32; 6] = [1.0, 0.835_270_2, 0.486_752_3, 0.197_898_7, 0.056_134_8, 0.011_109];
-const NODE_STD: f32 = 0.6;
-/// Sums of all weights, and of them times squared deviations.
-const SUMS: [f32; 2] = [4.174_33, 4.132_259];
 
 /// What residuals are made of where nothing is expected: noise, and each class of paths.
 #[derive(Clone, Debug)]
@@ -157,7 +152,7 @@ impl<'a, T: Real> Reader<'a, T> {
             let mut sharing = T::ONE + (T::ONE - self.background.noise);
             for (other_m, other) in &before {
                 let lag = abs(*other_m - range_m) / self.pulse_m;
-                if lag < T::of(2.0) {
+                if lag < T::of(APART_PULSES) {
                     sharing += *other * exp(-square(lag / T::of(MERGED)));
                 }
             }
@@ -210,10 +205,10 @@ impl<'a, T: Real> Reader<'a, T> {
                 sums[2] += weighted * square(deviation);
             }
         }
-        let mean = sums[0] / T::of(SUMS[0]);
+        let mean = sums[0] / T::of(NODE_SUMS[0]);
         let ratio = T::ONE - there * (T::ONE - mean);
-        let shift = there * (sums[1] / T::of(SUMS[0])) / ratio;
-        let squares = ((T::ONE - there) + there * (sums[2] / T::of(SUMS[1]))) / ratio;
+        let shift = there * (sums[1] / T::of(NODE_SUMS[0])) / ratio;
+        let squares = ((T::ONE - there) + there * (sums[2] / T::of(NODE_SUMS[1]))) / ratio;
         let [least, most] = VARIANCE_LEFT.map(T::of);
         [mean, ratio, shift, limited(squares - square(shift), least, most)]
     }

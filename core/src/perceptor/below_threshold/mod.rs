@@ -30,11 +30,11 @@ use crate::real::{abs, exp, larger, limited, ln, sqrt};
 use heapless::Vec;
 
 /// Mathematics: weights of the nodes of the quadrature over a Gaussian: at 0, and at so many times [`NODE_STD`] on either side.
-const NODES: [f32; 6] = [1.0, 0.835_270_2, 0.486_752_3, 0.197_898_7, 0.056_134_8, 0.011_109];
+pub const NODES: [f32; 6] = [1.0, 0.835_270_2, 0.486_752_3, 0.197_898_7, 0.056_134_8, 0.011_109];
 /// Mathematics: grid step of the nodes, standard deviations.
-const NODE_STD: f32 = 0.6;
+pub const NODE_STD: f32 = 0.6;
 /// Mathematics: sum of all weights, and of them times squared deviations.
-const NODE_SUMS: [f32; 2] = [4.174_33, 4.132_259];
+pub const NODE_SUMS: [f32; 2] = [4.174_33, 4.132_259];
 /// Guard: against work on what says hardly anything: least probability that a path is there and was not found.
 pub const LEAST_PRESENCE: f32 = 0.02;
 /// Guard: against work on what changes hardly anything: least change of mean or variance, predicted deviations or variances.
@@ -48,7 +48,7 @@ pub const SEEN_STEPS: f32 = 1.0;
 /// Mathematics: the same of one that none has shown.
 pub const UNSEEN_STEPS: f32 = 2.0;
 /// Mathematics: beyond this many pulse durations no path is mistaken for another.
-const APART_PULSES: f32 = 2.0;
+pub const APART_PULSES: f32 = 2.0;
 
 /// Reads what is left of a frame.
 #[derive(Clone, Debug)]
@@ -70,8 +70,8 @@ pub struct Missed {
     missed: f32,
     /// Probability, before the scan, that its path is there.
     present: f32,
-    /// ln SINR that it has then, and whether a frame has shown it.
-    sinr_ln: f32,
+    /// SINR that it has then, and whether a frame has shown it.
+    sinr: f32,
     is_seen: bool,
 }
 
@@ -86,8 +86,8 @@ pub fn missed<'o, const SOURCES: usize, const PATHS: usize>(
         // An anchor that is out says nothing of what is there.
         let missed = belief.missed - beliefs.outage;
         let present = existence * view.present;
-        let View { sinr_ln, is_seen, .. } = *view;
-        let source = Missed { feature, missed, present, sinr_ln, is_seen };
+        let View { sinr_now: sinr, is_seen, .. } = *view;
+        let source = Missed { feature, missed, present, sinr, is_seen };
         (missed * present > LEAST_PRESENCE).then_some((regression, source))
     })
 }
@@ -132,7 +132,7 @@ impl<const POINTS: usize, const SOURCES: usize> Looks<'_, POINTS, SOURCES> {
             Some(image) => self.rests.1.get_mut(image),
         };
         if let Some(rest) = rest {
-            *rest = raised(larger(look.there, LEAST_RATIO));
+            *rest = raised(larger(look.mean, LEAST_RATIO));
         }
         let ratio = raised(look.ratio);
         let total = 1.0 - missed * (1.0 - ratio);
@@ -162,8 +162,8 @@ impl<const POINTS: usize, const SOURCES: usize> Looks<'_, POINTS, SOURCES> {
 /// What there is where a path is looked for.
 #[derive(Clone, Copy, Debug)]
 struct Look {
-    /// Mean likelihood of what is left if the path is there, over the background.
-    there: f32,
+    /// Mean of rho.
+    mean: f32,
     /// W.
     ratio: f32,
     /// Mean and variance of N g over the predicted deviation and variance.
@@ -191,7 +191,7 @@ impl<'a, const POINTS: usize> Reader<'a, POINTS> {
 
     fn strength(&self, source: &Missed) -> Strength {
         let steps = if source.is_seen { SEEN_STEPS } else { UNSEEN_STEPS };
-        Strength::about(source.sinr_ln, steps, &self.likelihoods)
+        Strength::about(ln(larger(source.sinr, f32::MIN_POSITIVE)), steps, &self.likelihoods)
     }
 
     /// Looks for a path of this strength, which is there with this probability, where it is expected.
@@ -220,7 +220,7 @@ impl<'a, const POINTS: usize> Reader<'a, POINTS> {
         let shift = there * (first / sum) / ratio;
         let square = ((1.0 - there) + there * (second / squares)) / ratio;
         let [least, most] = VARIANCE_LEFT;
-        Look { there: mean, ratio, shift, variance: limited(square - shift * shift, least, most) }
+        Look { mean, ratio, shift, variance: limited(square - shift * shift, least, most) }
     }
 
     /// What there is where none of the sources of a scan is expected, a little more than a pulse beside them; `None` where there is no

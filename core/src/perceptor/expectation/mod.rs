@@ -12,7 +12,7 @@ use crate::model::channel::ChannelPrior;
 use crate::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION, detection_probability};
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
-use crate::real::{larger, limited, ln, smaller};
+use crate::real::{limited, smaller};
 use heapless::Vec;
 
 /// What is expected of one feature before the measurements arrive.
@@ -68,12 +68,11 @@ impl Prospect {
     pub fn detection<const PATHS: usize>(&self, scan: &Scan<PATHS>, told: f32) -> Detection {
         detection(scan, told, &self.channel, self.sinr_here, self.is_unseen_image, self.availability)
     }
+}
 
-    /// SINR as remembered, or less where the frame is noisier.
-    fn sinr_now(&self) -> f32 {
-        let sinr = self.channel.sinr;
-        self.sinr_here.map_or(sinr, |here| smaller(sinr, here))
-    }
+/// SINR as remembered, or less where the frame is noisier.
+fn sinr_now(channel: &ChannelPrior, here: Option<f32>) -> f32 {
+    here.map_or(channel.sinr, |here| smaller(channel.sinr, here))
 }
 
 /// How probable it is that the path of an existing source is found in a scan: of frames by its SINR as remembered, or less
@@ -88,8 +87,7 @@ pub fn detection<const PATHS: usize>(
     availability: f32,
 ) -> Detection {
     let (found, visible, is_unknown) = if scan.is_framed() {
-        let sinr = sinr_here.map_or(channel.sinr, |here| smaller(channel.sinr, here));
-        let found = detection_probability(sinr, scan.threshold());
+        let found = detection_probability(sinr_now(channel, sinr_here), scan.threshold());
         match (channel.seen, is_unseen_image) {
             (true, _) => (found, channel.visibility * found, false),
             (false, true) => (found, HIDDEN_DETECTION, true),
@@ -135,8 +133,8 @@ pub struct View {
     pub sighting: Sighting,
     /// Probability that its path is there, found or not.
     pub present: f32,
-    /// ln SINR expected of it then.
-    pub sinr_ln: f32,
+    /// SINR of its path then, over the noise of this frame.
+    pub sinr_now: f32,
     /// Whether a frame has shown it.
     pub is_seen: bool,
 }
@@ -248,7 +246,7 @@ fn view(prospect: &Prospect, detection: &Detection) -> View {
         lasting,
         sighting: detection.sighting,
         present: present * (UNAVAILABLE_DETECTION + (1.0 - UNAVAILABLE_DETECTION) * availability),
-        sinr_ln: ln(larger(prospect.sinr_now(), f32::MIN_POSITIVE)),
+        sinr_now: sinr_now(channel, prospect.sinr_here),
         is_seen: seen,
     }
 }
