@@ -9,6 +9,7 @@ use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
 use crate::model::anchor::Anchor;
 use crate::model::availability::{Paths, WallNow, Walls};
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
+use crate::model::detection::Evidence;
 use crate::model::image::Sequence;
 use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
@@ -338,7 +339,7 @@ impl<const ANCHORS: usize, const SOURCES: usize> Seen<ANCHORS, SOURCES> {
 pub(super) fn planning_state(
     config: &Config,
     agent: &Agent,
-    threshold: f32,
+    evidence: Evidence,
     elapsed_s: f32,
 ) -> PlanningState {
     PlanningState {
@@ -351,6 +352,6 @@ pub(super) fn planning_state(
         range_floor_m: config.ranging.floor_m,
         range_floor_pulses: config.ranging.floor_pulses,
         radio: config.radio,
-        threshold,
+        evidence,
     }
 }
