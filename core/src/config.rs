@@ -58,6 +58,9 @@ pub struct Config {
     pub motion: Motion,
     /// Where it starts.
     pub start: Start,
+    /// Whether antennas beside the centre of the tag's body take turns ([`crate::Tracker::switch_antenna`]): which way it faces is
+    /// then estimated, in the place of one surface.
+    pub has_heading: bool,
     /// What a range is worth.
     pub ranging: Ranging,
     /// What association assumes.
@@ -92,6 +95,7 @@ impl Default for Config {
                 position_std_limit_m: 30.0,
             },
             start: Start { position_m: [0.0, 0.0], position_std_m: 0.25, velocity_std_m_s: 0.03 },
+            has_heading: false,
             ranging: Ranging {
                 variance_inflation: 1.44,
                 floor_m: 2e-3,
@@ -99,6 +103,7 @@ impl Default for Config {
                 alike_s: 0.3,
                 bias_mean_m: 0.0,
                 bias_std_m: 0.0,
+                late_m: 0.0,
                 max_range_m: 30.0,
             },
             association: AssociationSettings {
@@ -168,6 +173,7 @@ impl Config {
         let Config {
             motion,
             start,
+            has_heading: _,
             ranging,
             association,
             belief,
@@ -194,6 +200,7 @@ impl Config {
         within(ranging.alike_s, 0.0, 100.0, Setting::RangeFloor)?;
         within(ranging.bias_mean_m, -10.0, 10.0, Setting::BiasPrior)?;
         within(ranging.bias_std_m, 0.0, 10.0, Setting::BiasPrior)?;
+        within(ranging.late_m, 0.0, 100.0, Setting::Lateness)?;
         within(ranging.max_range_m, 1.0, 1e4, Setting::MaxRange)?;
         within(association.detection_probability, 0.01, 0.999, Setting::DetectionProbability)?;
         within(association.clutter_per_anchor, 1e-3, 100.0, Setting::ClutterPerAnchor)?;

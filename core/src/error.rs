@@ -145,6 +145,8 @@ pub enum Error {
     },
     /// The tag's height is not finite or beyond 1 km, or its deviation negative or beyond 100 m.
     TagHeight,
+    /// The antenna is too far from the centre of the tag's body, or no heading is estimated.
+    LeverArm,
     /// A SINR told to the channel memory is not finite, or there is not one per action.
     ToldSinr,
 }
@@ -162,6 +164,10 @@ pub enum Setting {
     StartPosition,
     StartDeviation,
     BiasPrior,
+    /// `ranging.late_m`.
+    Lateness,
+    /// `has_heading`: there is no surface to spare for it.
+    Heading,
     RangeVarianceInflation,
     RangeFloor,
     DetectionProbability,
@@ -270,6 +276,9 @@ impl fmt::Display for Error {
                 write!(f, "anchor {anchor} delivered {given} ranges, at most {limit} allowed")
             }
             Error::TagHeight => write!(f, "the tag's height or its deviation is out of range"),
+            Error::LeverArm => {
+                write!(f, "the antenna's lever arm is out of range, or no heading is estimated")
+            }
             Error::ToldSinr => {
                 write!(f, "one finite SINR per action must be told, of a source that is there")
             }

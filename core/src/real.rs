@@ -26,6 +26,11 @@ pub fn expm1(x: f32) -> f32 {
     libm::expm1f(x)
 }
 
+/// Complement of the error function, 1 - erf(x).
+pub fn erfc(x: f32) -> f32 {
+    libm::erfcf(x)
+}
+
 /// Natural logarithm; NaN for negative arguments.
 pub fn ln(x: f32) -> f32 {
     libm::logf(x)

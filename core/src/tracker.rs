@@ -24,6 +24,7 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::EnvironmentMemory;
+use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::motion::Agent;
@@ -62,12 +63,15 @@ pub struct Tracker<
     transmission: TransmissionMemory<SEGMENTS>,
     discovery: Discovery<ANCHORS>,
     clutter: ClutterMemory<ANCHORS>,
+    lateness: LatenessMemory<ANCHORS>,
     channel: ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     controllers: Controllers<ANCHORS, ACTIONS>,
 
     cycle: u32,
     /// The tag at the end of the last cycle in which anything was heard.
     last_heard: Agent,
+    /// Where the antenna in use is on the body of the tag: ahead of its centre and to its left, metres.
+    lever_arm_m: [f32; 2],
     /// The cycle begun and not finished.
     begun: Option<Begun<ANCHORS>>,
     /// What was received in it.
@@ -123,14 +127,16 @@ impl<
             transmission,
             discovery,
             clutter,
+            lateness,
             channel,
             controllers,
             cycle,
             last_heard,
+            lever_arm_m,
             begun: _,
             scans,
         } = self;
-        let told = Told { config, anchors, library, tag_height };
+        let told = Told { config, anchors, library, tag_height, lever_arm_m: *lever_arm_m };
         receiver.complete(scans);
         let is_heard = !scans.is_empty();
         let unheard_s = receiver.unheard_s(scans);
@@ -173,6 +179,7 @@ impl<
                 environment,
                 channel,
                 clutter,
+                &lateness.of(scan.anchor),
                 surroundings,
                 (scan, reader.as_ref()),
                 claims,
@@ -212,6 +219,7 @@ impl<
             environment,
             channel,
             clutter,
+            lateness,
             receiver,
             &told,
             |anchor| belief.is_lost(anchor),

@@ -1,11 +1,11 @@
 //! The feed: set-up and cycles of a recording, as the host's `cogmint trace --feed` writes them.
 //!
-//! Little-endian 32-bit words. `COG2`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
-//! 13 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 3
+//! Little-endian 32-bit words. `COG3`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
+//! 14 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 5
 //! more words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; whether there is a plan; of
 //! a plan counts of corners, walls and segments, deviation of its turn, reflections, most sources, per corner x, y, per wall
 //! the deviations of its offset and rotation, per segment its wall and both ends; per
-//! action carrier and pulse duration. Per cycle: elapsed time; whether the height is known and the height; number
+//! action carrier and pulse duration. Per cycle: elapsed time; whether the height is known and the height; the antenna's lever arm; number
 //! of frames; per frame anchor, action, delay of the first sample, kind (0 complex, 1 magnitude), number of
 //! samples, samples; number of ranges; per range anchor, range, variance.
 
@@ -17,7 +17,7 @@ use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
 use cogmint_core::{Anchor, Config, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall};
 use heapless::Vec;
 
-const MAGIC: u32 = u32::from_le_bytes(*b"COG2");
+const MAGIC: u32 = u32::from_le_bytes(*b"COG3");
 const ANCHORS: usize = 2;
 const SOURCES: usize = 24;
 const SEGMENTS: usize = 32;
@@ -98,6 +98,8 @@ pub struct CycleInput {
     pub elapsed_s: f32,
     /// The tag's height, where it is known.
     pub tag_height: Option<TagHeight>,
+    /// Where the antenna in use is on the body of the tag, metres.
+    pub lever_arm_m: [f32; 2],
 }
 
 impl CycleInput {
@@ -182,10 +184,12 @@ impl Feed {
         config.ranging.bias_mean_m = self.float()?;
         config.ranging.bias_std_m = self.float()?;
         config.ranging.floor_pulses = self.float()?;
+        config.ranging.late_m = self.float()?;
         config.radio.sample_spacing_s = self.float()?;
         config.radio.pulse_shape = self.pulse_shape()?;
         config.radio.samples_per_frame = self.count()?;
         config.radio.gain_control = self.word()? != 0;
+        config.has_heading = self.word()? != 0;
         config.controller.first_action = self.count()?;
         config.controller.planned_actions = self.count()?;
         let mut setup = Setup {
@@ -244,11 +248,13 @@ impl Feed {
         let elapsed_s = self.float()?;
         let known = self.word()? != 0;
         let height = TagHeight { mean_m: self.float()?, std_m: self.float()? };
+        let lever_arm_m = [self.float()?, self.float()?];
         let mut input = CycleInput {
             frames: Vec::new(),
             ranges: [Vec::new(), Vec::new()],
             elapsed_s,
             tag_height: known.then_some(height),
+            lever_arm_m,
         };
         let mut from = 0;
         for _ in 0..self.count()? {

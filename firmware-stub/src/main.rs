@@ -58,6 +58,7 @@ fn replay(slot: &mut MaybeUninit<BoardTracker>, samples: &mut [Complex; SAMPLES]
         let input = feed.cycle(samples).ok_or(Fault(b"error malformed cycle\n"))?;
         let observations = input.observations(samples);
         let mut stages = StageMeter::default();
+        tracker.switch_antenna(input.lever_arm_m).map_err(|_| Fault(b"error refused antenna\n"))?;
         tracker
             .cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut stages)
             .map_err(|_| Fault(b"error refused cycle\n"))?;

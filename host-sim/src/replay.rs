@@ -162,9 +162,12 @@ impl Setup {
         config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = radio.range_bias_mean_m as f32;
         config.ranging.bias_std_m = radio.range_bias_std_m as f32;
+        config.ranging.late_m = radio.range_late_m as f32;
         if let Some(floor) = radio.range_floor_pulses {
             config.ranging.floor_pulses = floor as f32;
         }
+        let arms_m = recording.antennas.iter().filter_map(|antenna| antenna.lever_arm_m);
+        config.has_heading = arms_m.into_iter().any(|arm_m| arm_m != [0.0; 2]);
         config.radio.pulse_shape = pulse_shape(radio);
         config.radio.gain_control = radio.gain_control;
         if let Some(spacing) = radio.sample_spacing_s {
@@ -321,6 +324,7 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
             Setting::BiasPrior => {
                 (META_FILE, "radio.range_bias_mean_m or radio.range_bias_std_m", "-10 to 10, and 0 to 10")
             }
+            Setting::Lateness => (META_FILE, "radio.range_late_m", "0 to 100"),
             Setting::RangeFloor => (META_FILE, "radio.range_floor_pulses", "0 to 1"),
             Setting::SampleSpacing => (META_FILE, "radio.sample_spacing_s", "1e-11 to 1e-8"),
             Setting::SampleCount => (ARRAYS_FILE, "frame_samples or frame_magnitude", "16 to 4096 samples"),
@@ -382,6 +386,8 @@ pub struct CycleInput<'a> {
     pub elapsed_s: f32,
     /// Height of the tag, where the recording knows it.
     pub tag_height: Option<TagHeight>,
+    /// Where the antenna in use is on the body of the tag: ahead of its centre and to its left, metres.
+    pub lever_arm_m: [f32; 2],
 }
 
 impl CycleInput<'_> {
@@ -438,10 +444,14 @@ pub fn input<'a>(
             },
         })
         .collect();
+    let antenna = cycle.antenna.and_then(|antenna| recording.antennas.get(antenna));
+    let lever_arm_m =
+        antenna.and_then(|antenna| antenna.lever_arm_m).unwrap_or([0.0; 2]).map(|arm_m| arm_m as f32);
     CycleInput {
         ranges,
         frames,
         elapsed_s,
+        lever_arm_m,
         tag_height: cycle.tag_height_m.filter(|height_m| height_m.abs() <= HIGHEST_TAG_M).map(|height_m| {
             TagHeight { mean_m: height_m as f32, std_m: cycle.tag_height_std_m.unwrap_or(0.0) as f32 }
         }),
@@ -474,6 +484,7 @@ pub fn step<const A: usize, const S: usize, const C: usize, const P: usize>(
     mut observer: &mut dyn Observer<SOURCES, PATHS>,
 ) -> Result<Step, Error> {
     let observations = input.observations();
+    tracker.switch_antenna(input.lever_arm_m)?;
     let begin = std::time::Instant::now();
     let mut refused = None;
     let mut outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut observer);

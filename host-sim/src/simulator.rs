@@ -161,6 +161,7 @@ impl Simulator {
                 range_std_m: 0.05,
                 range_bias_mean_m: 0.0,
                 range_bias_std_m: prior.range_bias_std_m,
+                range_late_m: 0.0,
                 range_floor_pulses: prior.range_floor_pulses,
             },
             anchors: scenario

@@ -51,7 +51,7 @@ fn replayed<const S: usize, const C: usize, const P: usize>(
 /// The recording holds scans of more than 16 ranges, which the firmware has no room for.
 pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>, InputError> {
     let mut feed = Feed::default();
-    feed.word(u32::from_le_bytes(*b"COG2"));
+    feed.word(u32::from_le_bytes(*b"COG3"));
     for count in [setup.anchors.len(), setup.map.len(), setup.actions.len(), recording.cycles.len()] {
         feed.count(count);
     }
@@ -72,6 +72,7 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
         config.ranging.bias_mean_m,
         config.ranging.bias_std_m,
         config.ranging.floor_pulses,
+        config.ranging.late_m,
         config.radio.sample_spacing_s,
     ] {
         feed.float(value);
@@ -89,6 +90,7 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
     }
     feed.count(config.radio.samples_per_frame);
     feed.word(u32::from(config.radio.gain_control));
+    feed.word(u32::from(config.has_heading));
     feed.count(config.controller.first_action);
     feed.count(config.controller.planned_actions);
     for anchor in &setup.anchors {
@@ -165,6 +167,7 @@ impl Feed {
         let TagHeight { mean_m, std_m } = input.tag_height.unwrap_or(TagHeight::exact(0.0));
         self.float(mean_m);
         self.float(std_m);
+        input.lever_arm_m.iter().for_each(|arm_m| self.float(*arm_m));
         let observations = input.observations();
         let frames: Vec<_> = observations
             .iter()

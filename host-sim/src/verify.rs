@@ -211,6 +211,7 @@ fn run<const A: usize>(
             observations.clear();
         }
         let (elapsed_s, height) = (reference_input.elapsed_s, reference_input.tag_height);
+        (single.lever_arm_m, double.lever_arm_m) = (reference_input.lever_arm_m, reference_input.lever_arm_m);
         let ours = single.cycle(&observations, elapsed_s, height);
         let precise = double.cycle(&observations, elapsed_s, height);
 
@@ -521,6 +522,9 @@ impl Comparison {
         for (anchor, (a, b)) in core.unexplained().iter().zip(&reference.clutter.unexplained).enumerate() {
             self.float(stage, format_args!("mean of unexplained measurements of anchor {anchor}"), *a, *b);
         }
+        numbers.clear();
+        core.lateness().visit(|value| numbers.push(value));
+        self.list(stage, "the lateness memory", &numbers, |f| reference.lateness.visit(f));
         for (anchor, (a, b)) in core.backgrounds().iter().zip(&reference.clutter.backgrounds).enumerate() {
             let name = format_args!("share of noise in the rest of the frames of anchor {anchor}");
             self.float(stage, name, a.noise, b.noise);
@@ -662,6 +666,8 @@ fn state_hash(reference: &Reference<f32>) -> u64 {
         hash.float(background.noise);
         background.paths.iter().for_each(|value| hash.float(*value));
     }
+    reference.lateness.visit(&mut |_, value| hash.float(value));
+    reference.lever_arm_m.iter().for_each(|value| hash.float(*value));
     reference.receiver.silent_s.iter().flatten().for_each(|value| hash.float(*value));
     hash.float(reference.receiver.threshold);
     reference.last_heard.mean.iter().for_each(|value| hash.float(*value));
@@ -877,6 +883,7 @@ mod tests {
                 range_std_m: 0.02,
                 range_bias_mean_m: 0.0,
                 range_bias_std_m: 0.0,
+                range_late_m: 0.0,
                 range_floor_pulses: Some(0.0),
             },
             anchors: ANCHORS

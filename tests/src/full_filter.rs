@@ -253,7 +253,11 @@ impl Problem {
             .map(|(slot, (anchor, sequence))| (Source::Virtual { anchor: *anchor, slot }, Some(sequence)));
         for (line, (source, sequence)) in lines.iter_mut().zip(direct.chain(images)) {
             let anchor_m = ANCHORS_M[source.anchor()];
-            *line = filter.regress(source, &Sight { anchor_m, height_m: 0.0, height_std_m: 0.0 }, sequence);
+            *line = filter.regress(
+                source,
+                &Sight { anchor_m, height_m: 0.0, height_std_m: 0.0, lever_arm_m: [0.0; 2] },
+                sequence,
+            );
         }
         filter.update(lines.into_iter().flatten().zip(ranges_m).map(|(regression, range_m)| {
             let nu = range_m - regression.range_m;

@@ -100,7 +100,8 @@ fn innovation<const A: usize, const V: usize>(
     range_m: f32,
     variance_m2: f32,
 ) -> Innovation {
-    let sight = Sight { anchor_m: ANCHORS[source.anchor()], height_m: 0.0, height_std_m: 0.0 };
+    let sight =
+        Sight { anchor_m: ANCHORS[source.anchor()], height_m: 0.0, height_std_m: 0.0, lever_arm_m: [0.0; 2] };
     let regression = filter.regress(source, &sight, sequence(source).as_ref()).expect("an occupied source");
     let nu = range_m - regression.range_m;
     Innovation::hard(regression, nu, variance_m2)
@@ -228,7 +229,7 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
                     let regression = filter
                         .regress(
                             source,
-                            &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2 },
+                            &Sight { anchor_m, height_m: 0.5, height_std_m: 0.2, lever_arm_m: [0.0; 2] },
                             sequence(source).as_ref(),
                         )
                         .unwrap();
@@ -301,11 +302,17 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
                 let line = filter
                     .regress(
                         source,
-                        &Sight { anchor_m: ANCHORS[anchor], height_m: 1.0, height_std_m: 0.4 },
+                        &Sight {
+                            anchor_m: ANCHORS[anchor],
+                            height_m: 1.0,
+                            height_std_m: 0.4,
+                            lever_arm_m: [0.0; 2],
+                        },
                         sequence(source).as_ref(),
                     )
                     .unwrap();
-                let sight = range::Sight { anchor_m: ANCHORS[anchor], height_m: [1.0, 0.4] };
+                let sight =
+                    range::Sight { anchor_m: ANCHORS[anchor], height_m: [1.0, 0.4], lever_arm_m: [0.0; 2] };
                 let reference_line = reference.regress(source, &sight, sequence(source).as_ref());
                 let weight = noise.uniform() as f32;
                 let first_m = weight * 0.1 * noise.normal() as f32;
@@ -501,7 +508,12 @@ fn range_biases_are_found_while_the_tag_moves() {
             .map(|anchor| {
                 let [x, y] = anchors[anchor].map(f64::from);
                 let range = (truth[0] - x).hypot(truth[1] - y) + biases[anchor] + 0.05 * noise.normal();
-                let sight = Sight { anchor_m: anchors[anchor], height_m: 0.0, height_std_m: 0.0 };
+                let sight = Sight {
+                    anchor_m: anchors[anchor],
+                    height_m: 0.0,
+                    height_std_m: 0.0,
+                    lever_arm_m: [0.0; 2],
+                };
                 let regression = filter.regress(Source::Direct { anchor }, &sight, None).unwrap();
                 let nu = range as f32 - regression.range_m;
                 Innovation::hard(regression, nu, 0.0025)
@@ -631,7 +643,7 @@ fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
             StateFilter::<1, 1>::new(motion, [away_m as f32, 0.0], position_std_m as f32, 0.1, 0.0, 0.0);
         let regress = |height_std_m: f64| {
             let (height_m, height_std_m) = (height_m as f32, height_std_m as f32);
-            let sight = Sight { anchor_m: [0.0, 0.0], height_m, height_std_m };
+            let sight = Sight { anchor_m: [0.0, 0.0], height_m, height_std_m, lever_arm_m: [0.0; 2] };
             filter.regress(Source::Direct { anchor: 0 }, &sight, None).unwrap()
         };
         let draws: Vec<f64> = (0..200_000)
@@ -657,7 +669,8 @@ fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
     }
     // At one height there is no slope: the range is what it was, to the bit.
     let filter = StateFilter::<1, 1>::new(motion, [0.0, 0.0], 0.1, 0.1, 0.0, 0.0);
-    let level = |height_std_m| Sight { anchor_m: [0.0, 0.0], height_m: 0.0, height_std_m };
+    let level =
+        |height_std_m| Sight { anchor_m: [0.0, 0.0], height_m: 0.0, height_std_m, lever_arm_m: [0.0; 2] };
     let source = Source::Direct { anchor: 0 };
     assert_eq!(filter.regress(source, &level(0.0), None), filter.regress(source, &level(100.0), None));
 }

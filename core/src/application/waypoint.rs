@@ -428,6 +428,7 @@ impl<C: ChannelKnowledge, const ACTIONS: usize> RangeQuality<'_, C, ACTIONS> {
 mod tests {
     use super::*;
     use crate::Config;
+    use crate::model::detection::detection_probability;
     use crate::Tracker;
     use crate::memory::channel::{ChannelMemory, ChannelMemorySettings};
     use crate::model::anchor::Anchor;

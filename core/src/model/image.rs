@@ -95,7 +95,9 @@ impl Image {
     /// The image of an anchor in a surface whose two numbers are `state`.
     pub fn first([x, y]: [f32; 2], surface: &Surface, state: &Vector2<f32>) -> Self {
         let (position_m, slope, curvature) = match surface {
-            Surface::Private => (*state, Matrix2::new(1.0, 0.0, 0.0, 1.0), [NOWHERE; 2]),
+            Surface::Private | Surface::Heading { .. } => {
+                (*state, Matrix2::new(1.0, 0.0, 0.0, 1.0), [NOWHERE; 2])
+            }
             Surface::Wall(line) => Mirror::new(line, state).reflect(&Vector2::new(x, y)),
         };
         Self { position_m, slopes: [slope, NOTHING], curvatures: [curvature, [NOWHERE; 2]], common: NOTHING }

@@ -23,6 +23,9 @@ pub struct Ranging {
     pub bias_mean_m: f32,
     /// Its standard deviation, metres (0 to 10). Above 0, one bias per anchor is estimated.
     pub bias_std_m: f32,
+    /// By how much ranges are too long on average whose direct path is blocked, metres (0 to 100), as assumed at the start; the share
+    /// of such ranges and their mean are then learnt of every anchor. 0: no range is late. Paths of frames never are.
+    pub late_m: f32,
     /// Ranges beyond this are refused, metres (1 to 1e4).
     pub max_range_m: f32,
 }
@@ -81,10 +84,15 @@ pub struct Measurement {
 }
 
 impl Measurement {
+    /// Whether somebody else measured it: nothing is known of its strength.
+    pub fn is_range(&self) -> bool {
+        self.sinr == 0.0
+    }
+
     /// Whether it may be taken for a path: the density of false alarms of its strength, over that of all, is below `density`, or
     /// nothing is known of its strength.
     pub fn is_strong(&self, density: f32) -> bool {
-        self.sinr == 0.0 || self.false_alarm < density
+        self.is_range() || self.false_alarm < density
     }
 }
 

@@ -7,6 +7,7 @@ pub mod channel;
 pub mod clock;
 pub mod detection;
 pub mod image;
+pub mod lateness;
 pub mod listing;
 pub mod matrix;
 pub mod measurement;

@@ -24,8 +24,8 @@ pub struct Regression {
     pub range_m: f32,
     /// Slope g of the range over the tag's position.
     pub slope: [f32; 2],
-    /// Its slopes over the numbers of the surfaces that reflect the path.
-    pub surfaces: [SurfaceSlope; 2],
+    /// Its slopes over the numbers of the surfaces that reflect the path, and over the heading.
+    pub surfaces: [SurfaceSlope; 3],
     /// Part of the range's variance that the line does not explain, square metres.
     pub residual_m2: f32,
     /// Part that it does: g' C_d g and the bias, square metres.

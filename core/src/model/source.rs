@@ -36,4 +36,6 @@ pub struct Sight {
     pub height_m: f32,
     /// Standard deviation of that height, metres.
     pub height_std_m: f32,
+    /// Where the antenna is on the body of the tag: ahead of its centre and to its left, metres.
+    pub lever_arm_m: [f32; 2],
 }

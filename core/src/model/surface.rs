@@ -60,4 +60,11 @@ pub enum Surface {
     Wall(Line),
     /// One anchor's image alone: its position (metres) is the two numbers.
     Private,
+    /// No surface, but two numbers like those of one, that the antennas of a body have in common: the unit vector along its axis,
+    /// which is drawn anew as often as this, per second. Of an antenna x ahead of the body's centre and y to its left, the place is
+    /// linear in it.
+    Heading {
+        /// Turns per second.
+        turns_per_s: f32,
+    },
 }

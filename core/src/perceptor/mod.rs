@@ -14,4 +14,5 @@ pub mod expectation;
 pub mod gain_control;
 pub mod receiver;
 pub mod scan;
+pub mod smoother;
 pub mod state_filter;

@@ -27,6 +27,10 @@
 //! anything, prediction leaves it out, every update moves it by w = 0. It stays where it is, to the bit, and the range of
 //! its image tells as much as that of a physical anchor in its place.
 //!
+//! **Heading.** Of a body with several antennas, the unit vector u along its axis has a slot like a surface's, the last: an antenna x
+//! ahead of the body's centre and y to its left is at p + x u + y u_left, linear in the state. Nothing known of it is a mean of 0 and
+//! a variance of 1/2 per number, which is where it goes as the body turns, u <- exp(-turns) u. One antenna has none.
+//!
 //! **Bounded.** What is never observed must not grow without end: after a prediction, each state whose variance
 //! exceeds its limit is scaled back, C <- D C D with a diagonal D (which keeps C positive definite). A bias is
 //! limited to its prior, the position to the reach of the radio.
@@ -42,7 +46,7 @@ use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::model::source::{Sight, Source};
 use crate::model::surface::Surface;
 use crate::perceptor::association::outcome::Innovation;
-use crate::real::{larger, smaller, sqrt};
+use crate::real::{exp, larger, smaller, sqrt};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 
 /// Guard: against the rounding of the updates of a cycle: relative growth of every variance before them, 2^-19.
@@ -555,6 +559,52 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
     }
 
+    /// Begins to estimate which way the body of the tag faces, in the last slot: nothing is known of it. False where that is taken or
+    /// does not exist.
+    pub fn insert_heading(&mut self, turns_per_s: f32) -> bool {
+        let Some(last) = SURFACES.checked_sub(1) else { return false };
+        // Of a unit vector in any direction.
+        let own = Matrix2::new(0.5, 0.0, 0.0, 0.5);
+        self.insert(last, Surface::Heading { turns_per_s }, Vector2::new(0.0, 0.0), own)
+    }
+
+    /// Mean and covariance of the unit vector along the body's axis; `None` where it is not estimated.
+    pub fn heading(&self) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+        let (_, mean, covariance) = self.surface(self.heading_slot()?)?;
+        Some((mean, covariance))
+    }
+
+    fn heading_slot(&self) -> Option<usize> {
+        matches!(self.surfaces.last()?, Some(Surface::Heading { .. })).then_some(SURFACES - 1)
+    }
+
+    /// The heading was drawn anew, as often as this times `elapsed_s`: what is known of it fades.
+    fn turn_body(&mut self, slot: usize, turns: f32) {
+        let kept = exp(-turns);
+        if let Some(mean) = self.mean.surfaces.get_mut(slot) {
+            mean.x *= kept;
+            mean.y *= kept;
+        }
+        let c = &mut self.covariance;
+        if let Some(cross) = c.xs.get_mut(slot) {
+            cross.iter_mut().for_each(|entry| *entry *= kept);
+        }
+        for cross in c.bs.get_mut(slot).into_iter().flatten() {
+            cross.x *= kept;
+            cross.y *= kept;
+        }
+        let mut factors = [Vector2::new(1.0, 1.0); SURFACES];
+        if let Some(factor) = factors.get_mut(slot) {
+            *factor = Vector2::new(kept, kept);
+        }
+        c.ss.scale(&factors);
+        if let Some([first, second]) = c.ss.variances_mut().nth(slot) {
+            let renewed = 0.5 * (1.0 - kept * kept);
+            *first += renewed;
+            *second += renewed;
+        }
+    }
+
     /// Takes a surface out of the state; false where `slot` is free.
     pub fn remove(&mut self, slot: usize) -> bool {
         let Some(surface) = self.surfaces.get_mut(slot) else { return false };
@@ -609,6 +659,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             let second = match surface {
                 Surface::Private => walk_m2,
                 Surface::Wall(_) => walk_m2 * ROTATION_WALK_PER_M2,
+                Surface::Heading { .. } => continue,
             };
             // What has no variance is known exactly.
             if *first_m2 > 0.0 {
@@ -617,6 +668,9 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             if *second_m2 > 0.0 {
                 *second_m2 += second;
             }
+        }
+        if let Some(Some(Surface::Heading { turns_per_s })) = self.surfaces.last() {
+            self.turn_body(SURFACES - 1, turns_per_s * elapsed_s);
         }
         self.limit();
     }
@@ -743,7 +797,34 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             spread = [sxx + own.m11, syx + own.m21, syy + own.m22];
             bias_cross = [cx, cy];
         }
-        let distance = [agent.x - position_m.x, agent.y - position_m.y];
+        let mut distance = [agent.x - position_m.x, agent.y - position_m.y];
+        let [ahead, left] = sight.lever_arm_m;
+        let heading = if ahead == 0.0 && left == 0.0 { None } else { self.heading_slot() };
+        // Where the antenna is from the centre: linear in the heading.
+        let arm = Matrix2::new(ahead, -left, left, ahead);
+        if let Some(slot) = heading {
+            let u = self.mean.surfaces.get(slot)?;
+            let [dx, dy] = distance;
+            distance = [dx + (ahead * u.x - left * u.y), dy + (left * u.x + ahead * u.y)];
+            let [mut sxx, mut syx, mut syy] = spread;
+            let xs = c.xs.get(slot)?;
+            let k = product_transposed(&Matrix2::new(xs.m11, xs.m12, xs.m21, xs.m22), &arm);
+            let own = sandwiched(&arm, &c.ss.get(slot, slot)?);
+            sxx += 2.0 * k.m11 + own.m11;
+            syx += (k.m21 + k.m12) + own.m21;
+            syy += 2.0 * k.m22 + own.m22;
+            for (surface, d) in slots.iter().zip(&image.slopes) {
+                let Some(surface) = *surface else { continue };
+                let k = product_transposed(&product(&arm, &c.ss.get(slot, surface)?), d);
+                sxx -= 2.0 * k.m11;
+                syx -= k.m21 + k.m12;
+                syy -= 2.0 * k.m22;
+            }
+            spread = [sxx, syx, syy];
+            let bs = c.bs.get(slot)?.get(anchor)?;
+            let [cx, cy] = bias_cross;
+            bias_cross = [cx + (ahead * bs.x - left * bs.y), cy + (left * bs.x + ahead * bs.y)];
+        }
         let line = regress_distance(distance, spread, sight.height_m, sight.height_std_m);
         let [gx, gy] = line.slope;
         let mut explained_m2 = line.explained_m2;
@@ -761,7 +842,11 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             source,
             range_m: line.range_m + bias,
             slope: line.slope,
-            surfaces: [over(first, d1), over(second, d2)],
+            surfaces: [
+                over(first, d1),
+                over(second, d2),
+                SurfaceSlope { surface: heading, slope: [gx * ahead + gy * left, gy * ahead - gx * left] },
+            ],
             residual_m2: line.residual_m2,
             explained_m2,
         })
@@ -1001,6 +1086,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             let kind = match surface {
                 None => 0.0,
                 Some(Surface::Private) => 1.0,
+                Some(Surface::Heading { .. }) => 3.0,
                 Some(Surface::Wall(line)) => {
                     line.centre_m.iter().chain(&line.normal).for_each(|v| f(*v));
                     2.0
@@ -1350,7 +1436,7 @@ mod tests {
     fn a_merged_state_has_the_moments_of_the_mixture() {
         let own = walls_and_images();
         let mut other = walls_and_images();
-        let sight = Sight { anchor_m: [-2.0, 5.0], height_m: 0.0, height_std_m: 0.0 };
+        let sight = Sight { anchor_m: [-2.0, 5.0], height_m: 0.0, height_std_m: 0.0, lever_arm_m: [0.0; 2] };
         let regression = other.regress(Source::Direct { anchor: 1 }, &sight, None).unwrap();
         other.update([Innovation::hard(regression, 0.4, 0.02)]);
         other.predict(0.5);
@@ -1460,8 +1546,12 @@ mod tests {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (seed >> 8) as f32 / 16_777_216.0
         };
-        let sights =
-            [[-6.0, 1.0], [8.0, 5.0]].map(|anchor_m| Sight { anchor_m, height_m: 0.0, height_std_m: 0.0 });
+        let sights = [[-6.0, 1.0], [8.0, 5.0]].map(|anchor_m| Sight {
+            anchor_m,
+            height_m: 0.0,
+            height_std_m: 0.0,
+            lever_arm_m: [0.0; 2],
+        });
         let (mut least, mut counts) = (f64::INFINITY, [0; 6]);
         for _ in 0..10_000 {
             let kind = (draw() * 6.0) as usize;

@@ -8,7 +8,8 @@ use crate::error::{Error, Setting};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
-use crate::memory::environment::EnvironmentMemory;
+use crate::memory::environment::{EnvironmentMemory, Origin, TOLD};
+use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::observation::{Observation, TagHeight};
@@ -19,6 +20,7 @@ use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
+use crate::real::abs;
 use crate::report::CycleReport;
 use heapless::Vec;
 
@@ -73,6 +75,14 @@ impl<
             checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
         }
         let Config { start, ranging, .. } = config;
+        let mut environment = EnvironmentMemory::default();
+        if config.has_heading {
+            let Some(last) = SURFACES.checked_sub(1) else {
+                return Err(Error::Configuration(Setting::Heading));
+            };
+            // No surface of the map takes its place.
+            environment.insert_surface(last, TOLD, Origin::Plan);
+        }
         Ok(Self {
             receiver: Receiver::new(
                 config.radio,
@@ -94,10 +104,11 @@ impl<
                 Region::reached(&checked, ranging.max_range_m),
                 config.belief,
             ),
-            environment: EnvironmentMemory::default(),
+            environment,
             transmission: TransmissionMemory::default(),
             discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
+            lateness: LatenessMemory::new(ranging.late_m),
             channel: ChannelMemory::new(
                 config.channel,
                 config.controller.prior_sinr,
@@ -111,6 +122,7 @@ impl<
             library,
             cycle: 0,
             last_heard: start.agent(),
+            lever_arm_m: [0.0; 2],
             begun: None,
             scans: Vec::new(),
         })
@@ -128,7 +140,7 @@ impl<
             return Err(Error::AlreadyTold);
         }
         let given = map.virtual_anchors.len();
-        let limit = SURFACES.min(SOURCES);
+        let limit = SURFACES.saturating_sub(usize::from(self.config.has_heading)).min(SOURCES);
         if given > limit {
             return Err(Error::VirtualAnchorCount { given, limit });
         }
@@ -143,11 +155,33 @@ impl<
             }
         }
         belief.tell(|filter| {
+            if config.has_heading {
+                filter.insert_heading(config.belief.turns_per_s);
+            }
             enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);
             if let Some(told) = &map.plan {
                 enter_plan(filter, environment, plan, told, anchors, config, library.shortest_pulse_m());
             }
         });
+        Ok(())
+    }
+
+    /// From now on everything is received with an antenna that is this far ahead of the centre of the tag's body, and to its left
+    /// (metres, within 100 m). Where [`Config::has_heading`](crate::Config::has_heading), which way the body faces is estimated from
+    /// what the antennas tell.
+    ///
+    /// # Errors
+    /// [`Error::LeverArm`] where it is out of range, or no heading is estimated; [`Error::AlreadyBegun`]. Nothing has changed then.
+    pub fn switch_antenna(&mut self, lever_arm_m: [f32; 2]) -> Result<(), Error> {
+        if self.begun.is_some() {
+            return Err(Error::AlreadyBegun);
+        }
+        let is_centre = lever_arm_m == [0.0; 2];
+        // Written so that NaN fails.
+        if !lever_arm_m.iter().all(|arm_m| abs(*arm_m) <= 100.0) || !(is_centre || self.config.has_heading) {
+            return Err(Error::LeverArm);
+        }
+        self.lever_arm_m = lever_arm_m;
         Ok(())
     }
 

@@ -7,8 +7,10 @@ use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
+use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
+use crate::model::lateness::Lateness;
 use crate::model::plan::FloorPlan;
 use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
 use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, STRONG, Sweep, propose};
@@ -163,6 +165,7 @@ pub(super) fn hear<
     environment: &EnvironmentMemory<SURFACES, SOURCES>,
     channel: &ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     clutter: &ClutterMemory<ANCHORS>,
+    lateness: &Lateness,
     (plan, walls): (&FloorPlan<SEGMENTS>, &Walls<'_, SEGMENTS>),
     (scan, reader): (&'a Scan<PATHS>, Option<&Reader<'_, POINTS>>),
     claims: Claims<PATHS>,
@@ -175,7 +178,8 @@ pub(super) fn hear<
     let settings = *belief.settings();
     for component in belief.components_mut() {
         let known = Known { filter: &component.filter, environment, channel, plan, walls };
-        let Some(expected) = known.expect(told, scan) else { continue };
+        let Some(mut expected) = known.expect(told, scan) else { continue };
+        expected.delay(*lateness);
         let outage = component.outages.predict(scan.anchor, scan.elapsed_s, &settings);
         let mut outcome =
             associate_scan(scan, expected, &totals, &clutter.clutter(scan.anchor), outage, mode);
@@ -281,6 +285,7 @@ pub(super) fn remember<
     environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     clutter: &mut ClutterMemory<ANCHORS>,
+    lateness: &mut LatenessMemory<ANCHORS>,
     receiver: &mut Receiver<ANCHORS, PATHS, POINTS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     is_lost: impl Fn(usize) -> bool,
@@ -308,6 +313,9 @@ pub(super) fn remember<
             }
         } else {
             environment.observe(outcome);
+            for (timing, probability) in outcome.timings() {
+                lateness.observe(scan.anchor, &timing, probability);
+            }
             channel.observe(outcome, library, true);
         }
         if !is_searching {

@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::memory::channel::ChannelMemory;
 use crate::memory::discovery::Discovery;
 use crate::memory::environment::{EnvironmentMemory, Placed};
+use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
 use crate::model::detection::Evidence;
@@ -75,7 +76,7 @@ impl<
         let state = planning_state(&self.config, &self.filter().agent(), self.evidence(), settings.period_s);
         let Self { config, anchors, plan, library, environment, channel, .. } = self;
         let filter = self.filter();
-        let told = Told { config, anchors, library, tag_height };
+        let told = Told { config, anchors, library, tag_height, lever_arm_m: self.lever_arm_m };
         let hide = config.belief.walls_hide_paths;
         let walls = &walls_now(plan, filter, environment, hide, |wall| self.transmission.through(wall));
         let known = Known { filter, environment, channel, plan, walls };
@@ -211,6 +212,11 @@ impl<
         &self.library
     }
 
+    /// How late ranges are, by anchor.
+    pub fn lateness(&self) -> &LatenessMemory<ANCHORS> {
+        &self.lateness
+    }
+
     /// What tells of a path, of the pulse last used.
     pub fn evidence(&self) -> Evidence {
         self.receiver.evidence()
@@ -253,6 +259,8 @@ impl<
             hash.float(background.noise);
             background.paths.iter().for_each(|v| hash.float(*v));
         }
+        self.lateness.visit(|v| hash.float(v));
+        self.lever_arm_m.iter().for_each(|v| hash.float(*v));
         self.receiver.silent_s().iter().flatten().for_each(|v| hash.float(*v));
         hash.float(self.receiver.threshold());
         self.last_heard.mean.iter().for_each(|v| hash.float(*v));

@@ -31,6 +31,8 @@ pub(super) struct Told<'a, const ANCHORS: usize, const ACTIONS: usize> {
     pub(super) anchors: &'a Vec<Anchor, ANCHORS>,
     pub(super) library: &'a Library<ACTIONS>,
     pub(super) tag_height: Option<TagHeight>,
+    /// Where the antenna is on the body of the tag, metres.
+    pub(super) lever_arm_m: [f32; 2],
 }
 
 impl<const ANCHORS: usize, const ACTIONS: usize> Told<'_, ANCHORS, ACTIONS> {
@@ -41,6 +43,7 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Told<'_, ANCHORS, ACTIONS> {
             anchor_m: anchor.position_m,
             height_m: self.height_m(anchor),
             height_std_m: self.tag_height.map_or(0.0, |height| height.std_m),
+            lever_arm_m: self.lever_arm_m,
         })
     }
 

@@ -175,7 +175,7 @@ fn lines<const SURFACES: usize>(
     let mut lines = Vec::new();
     for (source, sequence) in direct.chain(images) {
         let Some(anchor_m) = scene.anchors_m.get(source.anchor()) else { continue };
-        let sight = Sight { anchor_m: *anchor_m, height_m: 0.0, height_std_m: 0.0 };
+        let sight = Sight { anchor_m: *anchor_m, height_m: 0.0, height_std_m: 0.0, lever_arm_m: [0.0; 2] };
         if let Some(line) = filter.regress(source, &sight, sequence) {
             // As many places as sources.
             let _ = lines.push(line);

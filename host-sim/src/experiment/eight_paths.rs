@@ -90,6 +90,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
             range_std_m: 0.05,
             range_bias_mean_m: 0.0,
             range_bias_std_m: 0.0,
+            range_late_m: 0.0,
             range_floor_pulses: None,
         },
         anchors: vec![Anchor { name: "A".into(), position_m: [0.0, 0.0], height_m: 0.0 }],

@@ -102,6 +102,7 @@ pub fn snapshot(places: &Path, paths: &Path, options: &SnapshotOptions) -> Resul
             range_std_m: 0.15,
             range_bias_mean_m: 0.0,
             range_bias_std_m: 0.0,
+            range_late_m: 0.0,
             range_floor_pulses: None,
         },
         anchors: vec![Anchor { name: "base station".into(), position_m: options.anchor_m, height_m: 0.0 }],

@@ -90,6 +90,7 @@ fn recording_of(link: &LinkRow, start: Start, anchor_m: [f64; 2], cycles: Vec<Cy
             range_std_m: 0.1,
             range_bias_mean_m: 0.0,
             range_bias_std_m: 0.15,
+            range_late_m: 0.0,
             range_floor_pulses: None,
         },
         anchors: vec![Anchor {

@@ -241,6 +241,7 @@ impl Recording {
         }
         check_key("radio.range_std_m", radio.range_std_m, RANGE_STD)?;
         check_key("radio.range_bias_mean_m", radio.range_bias_mean_m, from_to(-1e3, 1e3))?;
+        check_key("radio.range_late_m", radio.range_late_m, from_to(0.0, 100.0))?;
         if let Some(floor) = radio.range_floor_pulses {
             check_key("radio.range_floor_pulses", floor, from_to(0.0, 1.0))?;
         }

@@ -222,10 +222,19 @@ pub struct Radio {
     pub range_bias_mean_m: f64,
     /// Prior standard deviation of that bias, in metres; zero means that no bias is estimated.
     pub range_bias_std_m: f64,
+    /// By how much ranges are too long on average whose direct path is blocked, in metres, as assumed at the start; zero means that
+    /// none is.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub range_late_m: f64,
     /// Standard deviation that no path's range goes below, pulse lengths; without it, the tracker's own. 0 where all paths are
     /// known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range_floor_pulses: Option<f64>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // as serde asks
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// A pulse behind the matched filter, R(t), sampled from its middle on: what a radio shows of a cable.
@@ -462,6 +471,7 @@ pub(crate) mod tests {
                 range_std_m: 0.1,
                 range_bias_mean_m: 0.0,
                 range_bias_std_m: 0.0,
+                range_late_m: 0.0,
                 range_floor_pulses: Some(0.05),
             },
             anchors: vec![anchor("A", 0.5), anchor("B", 5.2)],

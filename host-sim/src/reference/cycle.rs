@@ -14,6 +14,7 @@ use super::environment::EnvironmentMemory;
 use super::information::position_entropy_nat;
 use super::joining;
 use super::known::{Known, Place, Told, leader_view, outlook, sweep, walls_now};
+use super::lateness::LatenessMemory;
 use super::map::{Changes, Map as Revision};
 use super::motion::{Agent, MotionStep};
 use super::plan::FloorPlan;
@@ -25,6 +26,7 @@ use super::remember::{Memories, look_through};
 use super::start::Start;
 use super::state_filter::{Prior, StateFilter};
 use super::transmission::TransmissionMemory;
+use cogmint_core::memory::environment::{Origin, TOLD};
 use cogmint_core::model::observation::{Observation, TagHeight};
 use cogmint_core::perceptor::belief::component::LEAPT;
 use cogmint_core::perceptor::belief::proposal::STRONG;
@@ -101,6 +103,8 @@ pub struct Reference<T> {
     plan: FloorPlan<T>,
     library: Library<T>,
 
+    /// Where the antenna in use is: ahead of the centre of the tag's body and to its left, metres.
+    pub lever_arm_m: [f32; 2],
     /// Cycles run.
     pub cycle: u32,
     /// The receivers.
@@ -117,6 +121,8 @@ pub struct Reference<T> {
     pub joining: joining::Constants,
     /// What nothing explains.
     pub clutter: ClutterMemory<T>,
+    /// How late ranges are.
+    pub lateness: LatenessMemory<T>,
     /// How well sources are heard.
     pub channel: ChannelMemory<T>,
     /// The choices.
@@ -144,6 +150,10 @@ impl<T: Real> Reference<T> {
         };
         let mut filter = StateFilter::new(capacity.anchors, capacity.surfaces, config.motion, &prior);
         let mut environment = EnvironmentMemory::new(capacity.surfaces, capacity.sources);
+        if config.has_heading {
+            filter.insert_heading(config.belief.turns_per_s);
+            environment.insert_surface(capacity.surfaces - 1, T::of(TOLD), Origin::Plan);
+        }
         let mut plan = FloorPlan::new(&map.plan.unwrap_or_default());
         let mut start = Start { filter: &mut filter, environment: &mut environment };
         start.enter_virtual_anchors(map.virtual_anchors, &config);
@@ -180,12 +190,14 @@ impl<T: Real> Reference<T> {
             joining: joining::Constants::default(),
             discovery: Discovery::new(capacity.anchors, config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &config.ranging, capacity.anchors),
+            lateness: LatenessMemory::new(config.ranging.late_m, capacity.anchors),
             channel,
             controllers: Controllers::new(config.controller, anchors.len(), &library, seed, room),
             config,
             anchors: anchors.to_vec(),
             plan,
             library,
+            lever_arm_m: [0.0; 2],
             cycle: 0,
         }
     }
@@ -199,8 +211,18 @@ impl<T: Real> Reference<T> {
     ) -> Intermediates<T> {
         let elapsed_s = T::of(elapsed_s);
         let Self { config, anchors, plan, library, receiver, belief, environment, .. } = self;
-        let Self { transmission, discovery, clutter, channel, controllers, last_heard, joining, .. } = self;
-        let told = Told { config, anchors, library, tag_height };
+        let Self {
+            transmission,
+            discovery,
+            clutter,
+            lateness,
+            channel,
+            controllers,
+            last_heard,
+            joining,
+            ..
+        } = self;
+        let told = Told { config, anchors, library, tag_height, lever_arm_m: self.lever_arm_m };
 
         // Receive and estimate.
         let links = controllers.links(|anchor| belief.is_searching() || belief.is_out(anchor));
@@ -246,7 +268,8 @@ impl<T: Real> Reference<T> {
             let settings = &config.belief;
             for component in &mut belief.components {
                 let known = Known { filter: &component.filter, environment, channel, plan, walls };
-                let expected = known.expect(&told, &scan);
+                let mut expected = known.expect(&told, &scan);
+                expected[0].feature.lateness = lateness.0[scan.anchor].lateness;
                 let mode = config.association.mode;
                 let outage = component.outages.predict(scan.anchor, scan.elapsed_s, settings);
                 let mut outcome =
@@ -308,7 +331,7 @@ impl<T: Real> Reference<T> {
 
         // Remember, and discover.
         let out: Vec<bool> = (0..anchors.len()).map(|anchor| belief.is_out(anchor)).collect();
-        let mut memories = Memories { environment, channel, clutter };
+        let mut memories = Memories { environment, channel, clutter, lateness };
         memories.remember(&told, &out, (searching, is_sure), receiver, controllers, &outcomes);
         let mut changes = Changes::default();
         if is_sure {

@@ -7,6 +7,7 @@ use super::clutter::ClutterMemory;
 use super::controller::{Library, Outlook, Visible};
 use super::discovery::{Background, Viewpoint};
 use super::environment::{CONFIRMED, EnvironmentMemory};
+use super::lateness::Lateness;
 use super::motion::{Agent, MotionStep, PX, PY, VX, VY};
 use super::overlap::{Arrival, overlap};
 use super::plan::FloorPlan;
@@ -33,6 +34,8 @@ pub struct Told<'a, T> {
     pub library: &'a Library<T>,
     /// Height of the tag, if it is known.
     pub tag_height: Option<TagHeight>,
+    /// Where the antenna is on the tag's body, metres.
+    pub lever_arm_m: [f32; 2],
 }
 
 impl<T: Real> Told<'_, T> {
@@ -42,7 +45,7 @@ impl<T: Real> Told<'_, T> {
         let height_m = self
             .tag_height
             .map_or([T::ZERO; 2], |tag| [T::of(anchor.height_m) - T::of(tag.mean_m), T::of(tag.std_m)]);
-        Sight { anchor_m: anchor.position_m.map(T::of), height_m }
+        Sight { anchor_m: anchor.position_m.map(T::of), height_m, lever_arm_m: self.lever_arm_m.map(T::of) }
     }
 }
 
@@ -178,6 +181,7 @@ impl<T: Real> Known<'_, T> {
                 variance_m2: regression.variance_m2(),
                 existence: self.environment.existence(source),
                 detection: probability,
+                lateness: Lateness::none(),
             };
             let least = T::of(UNAVAILABLE_DETECTION);
             expected.push(Expected {

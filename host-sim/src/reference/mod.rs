@@ -47,6 +47,7 @@ pub mod image;
 pub mod information;
 pub mod joining;
 pub mod known;
+pub mod lateness;
 pub mod listing;
 pub mod map;
 pub mod motion;

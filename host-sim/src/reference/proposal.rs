@@ -1,6 +1,7 @@
 //! Newcomers: early ranges put the tag on circles around their anchors; the arcs that all scans like best are proposed.
 
 use super::association::{Clutter, Expectation, Measurement, background_per_m};
+use super::lateness::Lateness;
 use super::real::{Real, cos, exp, larger, ln, sin, sqrt, square, tau};
 use cogmint_core::perceptor::belief::PLACE_M;
 pub use cogmint_core::perceptor::belief::proposal::EVERY;
@@ -125,8 +126,13 @@ impl<T: Real> Sweep<T> {
             let range_m = sqrt(distance2) + self.bias_m;
             let variance_m2 = place_m2 + self.bias_m2 + own_m2;
             if index == 0 {
-                let direct =
-                    Expectation { range_m, variance_m2, existence: T::ONE, detection: landmark.detection };
+                let direct = Expectation {
+                    range_m,
+                    variance_m2,
+                    existence: T::ONE,
+                    detection: landmark.detection,
+                    lateness: Lateness::none(),
+                };
                 background =
                     background_per_m(&direct, &self.measurements, &vec![T::ONE; count], &self.clutter);
                 let mut unexplained_nat = T::ZERO;

@@ -20,6 +20,8 @@ pub struct Sight<T> {
     pub anchor_m: [T; 2],
     /// Its height above the tag, metres: mean and standard deviation.
     pub height_m: [T; 2],
+    /// Where the tag's antenna is: ahead of its body's centre and to its left, metres.
+    pub lever_arm_m: [T; 2],
 }
 
 /// The line that a range follows around the predicted state.
@@ -32,7 +34,7 @@ pub struct Regression<T> {
     /// Slope g over d = p - m, m the image.
     pub slope: [T; 2],
     /// Slopes -D'g over the two numbers of each surface that reflects the path, with the surface's slot.
-    pub surfaces: [Option<(usize, [T; 2])>; 2],
+    pub surfaces: [Option<(usize, [T; 2])>; 3],
     /// Variance around the line, square metres.
     pub residual_m2: T,
     /// Variance along it, square metres.

@@ -43,6 +43,8 @@ pub trait Real:
     fn exponential(self) -> Self;
     /// See [`exp_m1`].
     fn exponential_less_one(self) -> Self;
+    /// See [`erfc`].
+    fn complementary_error(self) -> Self;
     /// See [`ln`].
     fn logarithm(self) -> Self;
     /// See [`sin`].
@@ -56,7 +58,7 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($type:ty, $sqrt:ident, $exp:ident, $expm1:ident, $ln:ident, $sin:ident, $cos:ident, $floor:ident, $abs:ident) => {
+    ($type:ty, $sqrt:ident, $exp:ident, $expm1:ident, $erfc:ident, $ln:ident, $sin:ident, $cos:ident, $floor:ident, $abs:ident) => {
         impl Real for $type {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -82,6 +84,9 @@ macro_rules! real {
             fn exponential_less_one(self) -> Self {
                 libm::$expm1(self)
             }
+            fn complementary_error(self) -> Self {
+                libm::$erfc(self)
+            }
             fn logarithm(self) -> Self {
                 libm::$ln(self)
             }
@@ -101,8 +106,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, sqrtf, expf, expm1f, logf, sinf, cosf, floorf, fabsf);
-real!(f64, sqrt, exp, expm1, log, sin, cos, floor, fabs);
+real!(f32, sqrtf, expf, expm1f, erfcf, logf, sinf, cosf, floorf, fabsf);
+real!(f64, sqrt, exp, expm1, erfc, log, sin, cos, floor, fabs);
 
 /// Square root.
 pub fn sqrt<T: Real>(x: T) -> T {
@@ -117,6 +122,11 @@ pub fn exp<T: Real>(x: T) -> T {
 /// Natural exponential less 1.
 pub fn exp_m1<T: Real>(x: T) -> T {
     x.exponential_less_one()
+}
+
+/// Complement of the error function.
+pub fn erfc<T: Real>(x: T) -> T {
+    x.complementary_error()
 }
 
 /// Natural logarithm.

@@ -8,6 +8,7 @@ use super::clutter::ClutterMemory;
 use super::controllers::Controllers;
 use super::environment::{EnvironmentMemory, Look};
 use super::known::{Place, Told};
+use super::lateness::LatenessMemory;
 use super::real::{Real, larger};
 use super::receiver::{Receiver, Scan};
 use super::transmission::TransmissionMemory;
@@ -21,6 +22,8 @@ pub struct Memories<'a, T> {
     pub channel: &'a mut ChannelMemory<T>,
     /// What nothing explains.
     pub clutter: &'a mut ClutterMemory<T>,
+    /// How late ranges are.
+    pub lateness: &'a mut LatenessMemory<T>,
 }
 
 impl<T: Real> Memories<'_, T> {
@@ -48,6 +51,9 @@ impl<T: Real> Memories<'_, T> {
                 }
             } else {
                 self.remember_sources(outcome, &received);
+                for (timing, probability) in outcome.timings() {
+                    self.lateness.remember(scan.anchor, &timing, probability);
+                }
             }
             if !is_searching {
                 self.clutter.remember(scan.anchor, outcome.unexplained(), scan.elapsed_s);

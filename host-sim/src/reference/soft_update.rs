@@ -31,6 +31,13 @@ impl<T: Real> Moments<T> {
         self.second_m2 += p * square(innovation_m);
     }
 
+    /// Adds an innovation of probability `p` of which the mean and that of its square are known.
+    pub fn add_moments(&mut self, p: T, first_m: T, second_m2: T) {
+        self.weight += p;
+        self.first_m += p * first_m;
+        self.second_m2 += p * second_m2;
+    }
+
     /// All probabilities over `total`.
     pub fn over(&self, total: T) -> Self {
         Self { weight: self.weight / total, first_m: self.first_m / total, second_m2: self.second_m2 / total }

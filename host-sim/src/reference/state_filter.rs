@@ -14,7 +14,7 @@
 use super::image::Image;
 use super::motion::{AGENT, Agent, MotionStep, PX, PY, ProcessNoise, VX, VY};
 use super::range::{Regression, SMALLEST_SPREAD_M2, Sight, regress_distance};
-use super::real::{Real, larger, smaller, sqrt, square};
+use super::real::{Real, exp, larger, smaller, sqrt, square};
 use super::soft_update::{Moments, SoftUpdate};
 use super::surface::Surface;
 use super::{Matrix, Square, product, transposed, zeros};
@@ -119,6 +119,12 @@ impl<T: Real> StateFilter<T> {
         index >= first
             && (index - first) % 2 == 1
             && matches!(self.surfaces[(index - first) / 2], Some(Surface::Wall(_)))
+    }
+
+    /// Whether a state is a number of the heading.
+    fn is_heading(&self, index: usize) -> bool {
+        let first = self.slot(0);
+        index >= first && matches!(self.surfaces[(index - first) / 2], Some(Surface::Heading { .. }))
     }
 
     /// Whether a state is a number of a slot without a surface.
@@ -226,6 +232,7 @@ impl<T: Real> StateFilter<T> {
             match self.surfaces[slot] {
                 Some(Surface::Wall(line)) => walls.push((line, self.numbers(slot))),
                 Some(Surface::Private) => return Image::private(self.numbers(slot)),
+                Some(Surface::Heading { .. }) => unreachable!("nothing is seen in a heading"),
                 None => unreachable!("sources in use are seen in surfaces in use"),
             }
         }
@@ -277,6 +284,16 @@ impl<T: Real> StateFilter<T> {
         let s = self.slot(slot);
         for number in 0..2 {
             self.covariance[s + number][s + number] = square(std[number]);
+        }
+    }
+
+    /// Adds the heading of the tag's body, of which nothing is known: in the last slot.
+    pub fn insert_heading(&mut self, turns_per_s: f32) {
+        let last = self.surfaces.len() - 1;
+        self.fill(last, Surface::Heading { turns_per_s }, [T::ZERO; 2]);
+        let u = self.slot(last);
+        for number in u..u + 2 {
+            self.covariance[number][number] = T::of(0.5);
         }
     }
 
@@ -447,13 +464,38 @@ impl<T: Real> StateFilter<T> {
                 self.set_symmetric(p, i, moved);
                 self.set_symmetric(v, i, slowed);
             }
+            if self.is_heading(i) {
+                continue;
+            }
             // A number without variance is known exactly and does not walk.
             if !self.is_bias(i) && self.covariance[i][i] > T::ZERO {
                 let share = if self.is_rotation(i) { T::of(ROTATION_WALK_PER_M2) } else { T::ONE };
                 self.covariance[i][i] += walk * share;
             }
         }
+        if let Some(Some(Surface::Heading { turns_per_s })) = self.surfaces.last() {
+            self.turn_body(T::of(*turns_per_s) * dt);
+        }
         self.limit();
+    }
+
+    /// The heading fades towards any: its numbers u to exp(-turns) u, and to the variance of a unit vector.
+    fn turn_body(&mut self, turns: T) {
+        let kept = exp(-turns);
+        let size = self.mean.len();
+        let mut factor = vec![T::ONE; size];
+        for i in size - 2..size {
+            self.mean[i] *= kept;
+            factor[i] = kept;
+        }
+        for i in 0..size {
+            for j in 0..size {
+                self.covariance[i][j] *= factor[i] * factor[j];
+            }
+        }
+        for i in size - 2..size {
+            self.covariance[i][i] += T::of(0.5) * (T::ONE - square(kept));
+        }
     }
 
     /// The velocity was drawn anew with this variance per axis, at any time in the last `dt` seconds.
@@ -575,7 +617,31 @@ impl<T: Real> StateFilter<T> {
             spread[1][0] += yx;
             spread[1][1] += yy;
         }
-        let distance = [self.mean[PX] - position_m[0], self.mean[PY] - position_m[1]];
+        let mut distance = [self.mean[PX] - position_m[0], self.mean[PY] - position_m[1]];
+        let [ahead, left] = sight.lever_arm_m;
+        let last = self.surfaces.len().wrapping_sub(1);
+        let has_arm = (ahead != T::ZERO || left != T::ZERO)
+            && matches!(self.surfaces.last(), Some(Some(Surface::Heading { .. })));
+        if has_arm {
+            // The antenna is at p + A u.
+            let u = self.slot(last);
+            let a = [[ahead, -left], [left, ahead]];
+            let own = product(&product(&a, &self.block(last, last)), &transposed(&a));
+            let k = product(&self.corner(PX, u), &transposed(&a));
+            for row in 0..2 {
+                distance[row] += a[row][0] * self.mean[u] + a[row][1] * self.mean[u + 1];
+                bias_cross[row] += a[row][0] * c[u][b] + a[row][1] * c[u + 1][b];
+            }
+            spread[0][0] += num(2.0) * k[0][0] + own[0][0];
+            spread[1][0] += (k[1][0] + k[0][1]) + own[1][0];
+            spread[1][1] += num(2.0) * k[1][1] + own[1][1];
+            for (slot, d) in &slopes {
+                let k = product(&product(&a, &self.block(last, *slot)), d);
+                spread[0][0] -= num(2.0) * k[0][0];
+                spread[1][0] -= k[1][0] + k[0][1];
+                spread[1][1] -= num(2.0) * k[1][1];
+            }
+        }
         let line = regress_distance(distance, [spread[0][0], spread[1][0], spread[1][1]], sight.height_m);
         let [gx, gy] = line.slope;
         let mut explained_m2 = line.explained;
@@ -583,9 +649,12 @@ impl<T: Real> StateFilter<T> {
             let cross = gx * bias_cross[0] + gy * bias_cross[1];
             explained_m2 = larger(explained_m2 + num(2.0) * cross + c[b][b], num(SMALLEST_SPREAD_M2));
         }
-        let mut surfaces = [None; 2];
+        let mut surfaces = [None; 3];
         for (place, (slot, d)) in surfaces.iter_mut().zip(slopes) {
             *place = Some((slot, d.map(|[dx, dy]| -(gx * dx + gy * dy))));
+        }
+        if has_arm {
+            surfaces[2] = Some((last, [gx * ahead + gy * left, gy * ahead - gx * left]));
         }
         Regression {
             source,
@@ -750,6 +819,7 @@ impl<T: Real> StateFilter<T> {
                 None => 0.0,
                 Some(Surface::Private) => 1.0,
                 Some(Surface::Wall(_)) => 2.0,
+                Some(Surface::Heading { .. }) => 3.0,
             };
             f(format_args!("kind of surface {k}"), T::of(kind));
         }

@@ -52,6 +52,11 @@ pub enum Surface<T> {
     Wall(Line<T>),
     /// The image of one anchor: its two numbers are its position (metres).
     Private,
+    /// Which way the tag's body faces: its two numbers are a unit vector, drawn anew so often per second.
+    Heading {
+        /// Turns per second.
+        turns_per_s: f32,
+    },
 }
 
 /// The scalar product.

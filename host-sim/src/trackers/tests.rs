@@ -47,6 +47,7 @@ fn recording(
             range_std_m: 0.05,
             range_bias_mean_m: 0.0,
             range_bias_std_m: 0.0,
+            range_late_m: 0.0,
             range_floor_pulses: None,
         },
         anchors: anchors_m

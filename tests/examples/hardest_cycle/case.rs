@@ -196,6 +196,7 @@ pub fn recording(seed: u64) -> Recording {
             range_std_m: pick(seed, Field::RangeStd, &[1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0, 100.0]),
             range_bias_mean_m: 0.0,
             range_bias_std_m: bias_std_m,
+            range_late_m: 0.0,
             range_floor_pulses: None,
         },
         anchors: anchors_m

@@ -69,11 +69,12 @@ impl<const PATHS: usize> Background<PATHS> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::lateness::Lateness;
 
     const CLUTTER: Clutter = Clutter { all_per_m: 0.2, false_alarms_per_m: 0.03 };
 
     fn direct(range_m: f32, variance_m2: f32) -> Expectation {
-        Expectation { range_m, variance_m2, existence: 1.0, detection: 0.9 }
+        Expectation { range_m, variance_m2, existence: 1.0, detection: 0.9, lateness: Lateness::NONE }
     }
 
     fn measurement(range_m: f32, variance_m2: f32, false_alarm: f32) -> Measurement {

@@ -2,6 +2,7 @@
 
 use super::background::Background;
 use super::{Belief, Beliefs, Mode, associate};
+use crate::model::lateness::{Lateness, Timing};
 use crate::model::measurement::Clutter;
 use crate::model::range::Regression;
 use crate::model::soft_update::{LEAST_WEIGHT, Moments};
@@ -48,7 +49,21 @@ impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS
 
     /// What the state is moved by: one innovation for every source with which anything is associated.
     pub fn innovations(&self) -> impl Iterator<Item = Innovation> + '_ {
-        self.features().filter_map(|(regression, belief)| innovation(regression, self.scan, belief))
+        let expectations = core::iter::once(&self.expected.direct_path).chain(&self.expected.expectations);
+        let features = self.features().zip(expectations);
+        features.filter_map(|((regression, belief), expected)| {
+            innovation(regression, self.scan, belief, &expected.lateness)
+        })
+    }
+
+    /// What the ranges of the scan say of how late they are, each with the probability that it is of the direct path.
+    pub fn timings(&self) -> impl Iterator<Item = (Timing, f32)> + '_ {
+        let Expectations { direct, direct_path, .. } = &self.expected;
+        let ranges = self.scan.measurements.iter().zip(&self.beliefs.direct.associated);
+        ranges.filter(|(measurement, _)| measurement.is_range()).map(|(measurement, p)| {
+            let variance_m2 = direct.variance_m2() + measurement.variance_m2;
+            (direct_path.lateness.timing(measurement.range_m - direct.range_m, variance_m2), *p)
+        })
     }
 
     /// Number of measurements, and how many of them more likely than not belong to a known source.
@@ -95,14 +110,21 @@ fn innovation<const PATHS: usize>(
     regression: &Regression,
     scan: &Scan<PATHS>,
     belief: &Belief<PATHS>,
+    lateness: &Lateness,
 ) -> Option<Innovation> {
     let mut moments = Moments::default();
     let (mut variance, mut alike) = (0.0, 0.0);
     for (measurement, &p) in scan.measurements.iter().zip(&belief.associated) {
         let nu = measurement.range_m - regression.range_m;
         moments.weight += p;
-        moments.first_m += p * nu;
-        moments.second_m2 += p * (nu * nu);
+        if lateness.is_any() && measurement.is_range() {
+            let timing = lateness.timing(nu, regression.variance_m2() + measurement.variance_m2);
+            moments.first_m += p * timing.first_m;
+            moments.second_m2 += p * timing.second_m2;
+        } else {
+            moments.first_m += p * nu;
+            moments.second_m2 += p * (nu * nu);
+        }
         variance += p * measurement.variance_m2;
         alike += p * scan.alike_m2(measurement);
     }

@@ -624,7 +624,12 @@ mod tests {
             let settings = *belief.settings();
             for scan in &scans {
                 let anchor = scan.anchor;
-                let sight = Sight { anchor_m: ANCHORS[anchor], height_m: 0.0, height_std_m: 0.0 };
+                let sight = Sight {
+                    anchor_m: ANCHORS[anchor],
+                    height_m: 0.0,
+                    height_std_m: 0.0,
+                    lever_arm_m: [0.0; 2],
+                };
                 let mut best: Option<(f32, f32)> = None;
                 for component in belief.components_mut() {
                     let prospect = Prospect {

@@ -9,6 +9,7 @@
 //! The best become components, with little weight: what follows decides.
 
 use super::PLACE_M;
+use crate::model::lateness::Lateness;
 use crate::model::measurement::{Clutter, Measurement};
 use crate::perceptor::association::background::Background;
 use crate::perceptor::expectation::Expectation;
@@ -168,7 +169,8 @@ fn weigh<const PATHS: usize>(
         let variance_m2 = place_m2 + bias_m2 + own_m2;
         // The direct path is the first.
         let (background, direct_m) = &*background.get_or_insert_with(|| {
-            let direct = Expectation { range_m, variance_m2, existence: 1.0, detection };
+            let direct =
+                Expectation { range_m, variance_m2, existence: 1.0, detection, lateness: Lateness::NONE };
             let background = Background::new(sweep.measurements, &direct, &sweep.clutter, &[1.0; PATHS]);
             evidence_nat += background.evidence_nat(sweep.measurements.len());
             (background, range_m)

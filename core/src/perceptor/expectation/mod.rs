@@ -10,6 +10,7 @@ use self::overlap::{Arrival, Nearness, Overlap};
 use super::scan::Scan;
 use crate::model::channel::ChannelPrior;
 use crate::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION, detection_probability};
+use crate::model::lateness::Lateness;
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
 use crate::real::{limited, smaller};
@@ -26,6 +27,8 @@ pub struct Expectation {
     pub existence: f32,
     /// Probability that an existing feature is detected.
     pub detection: f32,
+    /// How late ranges to it are.
+    pub lateness: Lateness,
 }
 
 /// What is known of a source before a scan.
@@ -159,6 +162,11 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
         let _ = self.views.1.push(view(image, detection));
     }
 
+    /// Takes into account how late ranges of the direct path are.
+    pub fn delay(&mut self, lateness: Lateness) {
+        self.direct_path.lateness = lateness;
+    }
+
     /// How every source can be seen, the direct path first.
     pub fn views(&self) -> impl Iterator<Item = &View> + Clone {
         core::iter::once(&self.views.0).chain(&self.views.1)
@@ -233,6 +241,7 @@ fn expectation(regression: &Regression, existence: f32, detection: &Detection) -
         variance_m2: regression.variance_m2(),
         existence,
         detection: detection.probability,
+        lateness: Lateness::NONE,
     }
 }
 

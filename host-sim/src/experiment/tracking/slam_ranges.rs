@@ -155,6 +155,7 @@ impl SlamRanges {
                 range_std_m: RANGE_STD_M,
                 range_bias_mean_m: 0.0,
                 range_bias_std_m: 0.0,
+                range_late_m: 0.0,
                 range_floor_pulses: None,
             },
             anchors: ANCHORS

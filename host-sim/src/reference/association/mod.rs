@@ -26,6 +26,7 @@ pub mod exact;
 pub mod outcome;
 
 use super::Matrix;
+use super::lateness::Lateness;
 use super::outage::weigh;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square, tau};
 use cogmint_core::model::detection::{LEAST_FALSE_ALARM, LOGISTIC};
@@ -67,6 +68,8 @@ pub struct Expectation<T> {
     pub existence: T,
     /// Probability that it is detected if it exists.
     pub detection: T,
+    /// How late ranges to it are.
+    pub lateness: Lateness<T>,
 }
 
 /// Intensities of measurements of unknown origin, per metre.
@@ -339,6 +342,15 @@ fn likelihood<T: Real>(feature: &Expectation<T>, measurement: &Measurement<T>, p
     let innovation = measurement.range_m - feature.range_m;
     let variance = feature.variance_m2 + measurement.variance_m2;
     let nis = square(innovation) / variance;
+    if measurement.sinr == T::ZERO && feature.lateness.is_any() {
+        let [shortest_m, longest_m] = feature.lateness.gate_m(GATE, sqrt(variance));
+        return if innovation > shortest_m && innovation < longest_m {
+            let timing = feature.lateness.timing(innovation, variance);
+            feature.existence * feature.detection * timing.per_m / per_m
+        } else {
+            T::ZERO
+        };
+    }
     if nis < T::of(GATE) * T::of(GATE) {
         // Order: ((r Pd) exp) / (sqrt lambda).
         let detected = feature.existence * feature.detection;

@@ -4,6 +4,7 @@ use super::{Beliefs, associate};
 use crate::reference::association::Clutter;
 use crate::reference::discovery::Claims;
 use crate::reference::known::Expected;
+use crate::reference::lateness::Timing;
 use crate::reference::real::Real;
 use crate::reference::receiver::Scan;
 use crate::reference::soft_update::Moments;
@@ -48,11 +49,20 @@ impl<T: Real> Outcome<T> {
     /// What the measurements of each feature amount to; features with hardly any probability are left out.
     pub fn innovations(&self) -> Vec<Innovation<T>> {
         let mut innovations = Vec::new();
-        for (Expected { regression, .. }, belief) in self.expected.iter().zip(&self.beliefs.features) {
+        for (Expected { regression, feature, .. }, belief) in self.expected.iter().zip(&self.beliefs.features)
+        {
             let mut moments = Moments::none();
             let (mut variance, mut alike) = (T::ZERO, T::ZERO);
             for (z, &p) in self.scan.measurements.iter().zip(&belief.associated) {
-                moments.add(p, z.range_m - regression.range_m);
+                let innovation = z.range_m - regression.range_m;
+                if feature.lateness.is_any() && z.sinr == T::ZERO {
+                    let timing =
+                        feature.lateness.timing(innovation, regression.variance_m2() + z.variance_m2);
+                    let [first_m, second_m2] = timing.moments;
+                    moments.add_moments(p, first_m, second_m2);
+                } else {
+                    moments.add(p, innovation);
+                }
                 variance += p * z.variance_m2;
                 if z.sinr > T::ZERO
                     && let Some(frame) = &self.scan.frame
@@ -67,6 +77,20 @@ impl<T: Real> Outcome<T> {
             }
         }
         innovations
+    }
+
+    /// What its ranges say of how late they are, each with the probability that it is of the direct path.
+    pub fn timings(&self) -> Vec<(Timing<T>, T)> {
+        let Expected { regression, feature, .. } = &self.expected[0];
+        let mut timings = Vec::new();
+        for (z, p) in self.scan.measurements.iter().zip(&self.beliefs.features[0].associated) {
+            if z.sinr == T::ZERO {
+                let innovation = z.range_m - regression.range_m;
+                let timing = feature.lateness.timing(innovation, regression.variance_m2() + z.variance_m2);
+                timings.push((timing, *p));
+            }
+        }
+        timings
     }
 
     /// Number of measurements that nothing known explains.
