@@ -42,6 +42,12 @@ impl Estimate {
 /// A column: its name, the type of its elements in an archive, and its value in a row.
 type Column = (&'static str, Element, fn(&Row) -> Option<f64>);
 
+/// Where a lag was asked for, these follow.
+const LAG_COLUMNS: [Column; 2] = [
+    ("lag_x_m", Element::F64, |row| row.lag_m.map(|[x, _]| x)),
+    ("lag_y_m", Element::F64, |row| row.lag_m.map(|[_, y]| y)),
+];
+
 const COLUMNS: [Column; 17] = [
     ("cycle", Element::U32, |row| Some(row.cycle as f64)),
     ("time_s", Element::F64, |row| Some(row.time_s)),
@@ -69,6 +75,7 @@ struct Row {
     time_s: f64,
     estimate: Estimate,
     truth_m: Option<[f64; 2]>,
+    lag_m: Option<[f64; 2]>,
 }
 
 /// The file formats of a table.
@@ -96,11 +103,19 @@ impl Format {
     }
 }
 
-/// Writes the estimates of a recording's cycles, in their order, to the file `to`.
+/// Writes the estimates of a recording's cycles, in their order, to the file `to`; with where the tag was known to have been a lag
+/// later, metres, where that is given.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(recording: &Recording, estimates: &[Estimate], format: Format, to: &Path) -> io::Result<()> {
+pub fn write(
+    recording: &Recording,
+    estimates: &[Estimate],
+    lagged_m: Option<&[Option<[f64; 2]>]>,
+    format: Format,
+    to: &Path,
+) -> io::Result<()> {
+    let columns: Vec<Column> = COLUMNS.into_iter().chain(lagged_m.iter().flat_map(|_| LAG_COLUMNS)).collect();
     let cycles = recording.cycles.iter().zip(estimates).enumerate();
     let rows: Vec<Row> = cycles
         .map(|(cycle, (measured, estimate))| Row {
@@ -108,28 +123,29 @@ pub fn write(recording: &Recording, estimates: &[Estimate], format: Format, to: 
             time_s: measured.time_s,
             estimate: *estimate,
             truth_m: measured.truth_position_m,
+            lag_m: lagged_m.and_then(|lagged_m| lagged_m.get(cycle).copied().flatten()),
         })
         .collect();
     whole_file::write(to, |file| match format {
-        Format::Csv => write_csv(&rows, file),
-        Format::Npz => file.write_all(&npz(&rows)?),
+        Format::Csv => write_csv(&columns, &rows, file),
+        Format::Npz => file.write_all(&npz(&columns, &rows)?),
     })
 }
 
-fn write_csv(rows: &[Row], file: &mut dyn Write) -> io::Result<()> {
+fn write_csv(columns: &[Column], rows: &[Row], file: &mut dyn Write) -> io::Result<()> {
     let line = |cells: &mut dyn Iterator<Item = String>| cells.collect::<Vec<_>>().join(",");
-    writeln!(file, "{}", line(&mut COLUMNS.iter().map(|(name, ..)| (*name).to_owned())))?;
+    writeln!(file, "{}", line(&mut columns.iter().map(|(name, ..)| (*name).to_owned())))?;
     for row in rows {
         // The shortest number that is read back with the same bits.
         let cell = |(.., value): &Column| value(row).map_or_else(String::new, |value| value.to_string());
-        writeln!(file, "{}", line(&mut COLUMNS.iter().map(cell)))?;
+        writeln!(file, "{}", line(&mut columns.iter().map(cell)))?;
     }
     Ok(())
 }
 
-fn npz(rows: &[Row]) -> io::Result<Vec<u8>> {
+fn npz(columns: &[Column], rows: &[Row]) -> io::Result<Vec<u8>> {
     let mut archive = ArchiveWriter::new(Cursor::new(Vec::new()));
-    for (name, element, value) in COLUMNS {
+    for &(name, element, value) in columns {
         let mut bytes = Vec::new();
         for value in rows.iter().map(|row| value(row).unwrap_or(f64::NAN)) {
             match element {
@@ -181,7 +197,7 @@ mod tests {
         let folder = Folder::new();
         let to = folder.0.join("t.csv");
         let (recording, estimates) = case();
-        write(&recording, &estimates, Format::Csv, &to).expect("is written");
+        write(&recording, &estimates, None, Format::Csv, &to).expect("is written");
         let text = fs::read_to_string(to).expect("is there");
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(
@@ -203,8 +219,8 @@ mod tests {
         let folder = Folder::new();
         let (csv, npz) = (folder.0.join("t.csv"), folder.0.join("t.npz"));
         let (recording, estimates) = case();
-        write(&recording, &estimates, Format::Csv, &csv).expect("is written");
-        write(&recording, &estimates, Format::Npz, &npz).expect("is written");
+        write(&recording, &estimates, None, Format::Csv, &csv).expect("is written");
+        write(&recording, &estimates, None, Format::Npz, &npz).expect("is written");
         let mut reader = csv::Reader::from_path(csv).expect("opens");
         let names = reader.headers().expect("has a heading").clone();
         let rows: Vec<csv::StringRecord> = reader.records().map(|row| row.expect("is read")).collect();

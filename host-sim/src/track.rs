@@ -13,6 +13,8 @@ use crate::score::map::{self, MapScore};
 use crate::score::walls::{FoundWall, WallScore};
 use cogmint_core::CycleReport;
 use cogmint_core::memory::environment::CONFIRMED;
+use cogmint_core::model::motion::Agent;
+use cogmint_core::perceptor::smoother::FixedLag;
 use serde::Serialize;
 use std::path::Path;
 
@@ -36,6 +38,8 @@ pub struct Track {
     pub steps: Vec<Step>,
     /// What the tracker believed after every cycle.
     pub estimates: Vec<Estimate>,
+    /// The tag of the leading component after every cycle: what a smoother is given.
+    pub agents: Vec<Agent>,
     /// Position errors of the cycles whose truth is known, metres, with the cycle.
     pub errors_m: Vec<(usize, f64)>,
     /// The score of the position.
@@ -117,6 +121,7 @@ fn run<const A: usize>(
     let mut tracker = setup.tracker::<A>().map_err(|error| InputError::new(file, error.to_string()))?;
     let mut steps = Vec::new();
     let mut estimates = Vec::new();
+    let mut agents = Vec::new();
     let mut errors_m = Vec::new();
     let mut claimed = Vec::new();
     let mut innovations = Innovations::default();
@@ -130,6 +135,7 @@ fn run<const A: usize>(
             claimed.push(([u - x, v - y], estimate.covariance_m2));
         }
         estimates.push(estimate);
+        agents.push(tracker.filter().agent());
         steps.push(step);
         on_cycle();
     }
@@ -173,6 +179,7 @@ fn run<const A: usize>(
         map_full,
         steps,
         estimates,
+        agents,
         errors_m,
         score,
         map,
@@ -294,7 +301,39 @@ fn estimate(cycle: &Cycle, input: &CycleInput<'_>, step: &Step, velocity_m_s: [f
     }
 }
 
+/// Most cycles that a lag may take.
+const LONGEST_LAG_CYCLES: usize = 4096;
+
+/// Where the tag was, known a lag later.
+#[derive(Clone, Debug)]
+pub struct Lagged {
+    /// By cycle, metres; none at the end, of which too little is known by then.
+    pub positions_m: Vec<Option<[f64; 2]>>,
+    /// Root mean square of its errors where the truth is known, metres; none where it never is.
+    pub rmse_m: Option<f64>,
+}
+
 impl Track {
+    /// What the core's smoother knows of every cycle `lag_s` seconds later.
+    pub fn lagged(&self, setup: &Setup, recording: &Recording, lag_s: f64) -> Lagged {
+        let mut smoother = Box::new(FixedLag::<LONGEST_LAG_CYCLES>::new(lag_s as f32, setup.config.motion));
+        let mut positions_m = vec![None; self.agents.len()];
+        for (cycle, (agent, input)) in self.agents.iter().zip(inputs(recording)).enumerate() {
+            smoother.enter(*agent, input.elapsed_s, |past| {
+                let [x, y] = [past.agent.mean.x, past.agent.mean.y];
+                positions_m[cycle - past.cycles] = Some([f64::from(x), f64::from(y)]);
+            });
+        }
+        let pairs = recording.cycles.iter().zip(&positions_m);
+        let squared = pairs.filter_map(|(cycle, at)| {
+            let ([x, y], [u, v]) = (cycle.truth_position_m?, (*at)?);
+            Some((u - x).powi(2) + (v - y).powi(2))
+        });
+        let (sum, count) = squared.fold((0.0, 0), |(sum, count), squared| (sum + squared, count + 1));
+        let rmse_m = (count > 0).then(|| (sum / f64::from(count)).sqrt());
+        Lagged { positions_m, rmse_m }
+    }
+
     /// The track over the anchors and the map of virtual anchors, above the error and the entropy over time.
     pub fn picture(&self, recording: &Recording) -> Picture {
         let estimates: Vec<[f64; 2]> =

@@ -428,10 +428,10 @@ impl<C: ChannelKnowledge, const ACTIONS: usize> RangeQuality<'_, C, ACTIONS> {
 mod tests {
     use super::*;
     use crate::Config;
-    use crate::model::detection::detection_probability;
     use crate::Tracker;
     use crate::memory::channel::{ChannelMemory, ChannelMemorySettings};
     use crate::model::anchor::Anchor;
+    use crate::model::detection::detection_probability;
     use crate::model::measurement::Measurement;
     use crate::model::motion::{Motion, Start};
     use crate::model::plan::Map;

@@ -27,6 +27,17 @@ struct Kept {
     elapsed_s: f32,
 }
 
+/// The tag a while ago.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Past {
+    /// How many cycles ago.
+    pub cycles: usize,
+    /// How many seconds.
+    pub age_s: f32,
+    /// The tag then, by what was heard since.
+    pub agent: Agent,
+}
+
 /// The tag in the last `LAG` cycles (1 at least) at most: about 100 bytes each.
 #[derive(Clone, Debug)]
 pub struct FixedLag<const LAG: usize> {
@@ -43,8 +54,8 @@ impl<const LAG: usize> FixedLag<LAG> {
     }
 
     /// Enters the tag as it is believed to be after a cycle that was `elapsed_s` seconds long. What has become old enough by it is
-    /// told: how many seconds ago that was, and the tag then; the last first.
-    pub fn enter(&mut self, agent: Agent, elapsed_s: f32, mut tell: impl FnMut(f32, &Agent)) {
+    /// told, the last first.
+    pub fn enter(&mut self, agent: Agent, elapsed_s: f32, mut tell: impl FnMut(&Past)) {
         let step = self.motion.step(elapsed_s);
         if let Some(last) = self.last.replace(agent) {
             if self.kept.is_full() {
@@ -64,7 +75,7 @@ impl<const LAG: usize> FixedLag<LAG> {
             age_s += kept.elapsed_s;
             if age_s >= self.lag_s || (is_full && number == 0) {
                 finished += 1;
-                tell(age_s, &smoothed);
+                tell(&Past { cycles: self.kept.len() - number, age_s, agent: smoothed });
             }
         }
         for _ in 0..finished {
@@ -224,7 +235,12 @@ mod tests {
     }
 
     /// The textbook's smoother in f64, from `last` back to `first`.
-    fn textbook(run: &[([f32; 2], Agent)], first: usize, last: usize, elapsed_s: f32) -> (Vector4<f64>, Matrix4<f64>) {
+    fn textbook(
+        run: &[([f32; 2], Agent)],
+        first: usize,
+        last: usize,
+        elapsed_s: f32,
+    ) -> (Vector4<f64>, Matrix4<f64>) {
         let step = MOTION.step(elapsed_s);
         let (drift, decay) = (f64::from(step.drift_s), f64::from(step.decay));
         let f = Matrix4::new(
@@ -250,8 +266,9 @@ mod tests {
         let mut smoother = FixedLag::<10>::new(0.45, MOTION);
         for (cycle, (_, agent)) in run.iter().enumerate() {
             let mut told = 0;
-            smoother.enter(*agent, 0.1, |age_s, smoothed| {
+            smoother.enter(*agent, 0.1, |Past { cycles, age_s, agent: smoothed }| {
                 told += 1;
+                assert_eq!(*cycles, 5);
                 assert!((age_s - 0.5).abs() < 1e-3, "{age_s}");
                 let (mean, covariance) = textbook(&run, cycle - 5, cycle, 0.1);
                 for (own, exact) in smoothed.mean.iter().zip(mean.iter()) {
@@ -270,10 +287,11 @@ mod tests {
         let run = walk(3000, 0.1, 0.2);
         let mut smoother = FixedLag::<32>::new(0.95, MOTION);
         let (mut causal, mut late, mut claimed, mut count) = (0.0, 0.0, 0.0, 0.0);
-        let squared = |agent: &Agent, [x, y]: [f32; 2]| (agent.mean.x - x).powi(2) + (agent.mean.y - y).powi(2);
+        let squared =
+            |agent: &Agent, [x, y]: [f32; 2]| (agent.mean.x - x).powi(2) + (agent.mean.y - y).powi(2);
         for (cycle, (truth, agent)) in run.iter().enumerate() {
             causal += squared(agent, *truth);
-            smoother.enter(*agent, 0.1, |_, smoothed| {
+            smoother.enter(*agent, 0.1, |Past { agent: smoothed, .. }| {
                 late += squared(smoothed, run[cycle - 10].0);
                 claimed += smoothed.covariance.m11 + smoothed.covariance.m22;
                 count += 1.0;
@@ -288,12 +306,15 @@ mod tests {
     fn a_tag_that_is_elsewhere_was_not_where_it_was_believed_to_be() {
         let run = walk(20, 0.1, 0.2);
         let mut smoother = FixedLag::<10>::new(0.3, MOTION);
-        run.iter().for_each(|(_, agent)| smoother.enter(*agent, 0.1, |_, _| ()));
+        run.iter().for_each(|(_, agent)| smoother.enter(*agent, 0.1, |_| ()));
         let mut elsewhere = run[19].1;
         elsewhere.mean.x += 20.0;
         for cycle in 0..6 {
-            smoother.enter(elsewhere, 0.1, |_, smoothed| {
-                assert!(cycle >= 3 && (smoothed.mean.x - elsewhere.mean.x).abs() < 0.5, "{cycle}: {smoothed:?}");
+            smoother.enter(elsewhere, 0.1, |Past { agent: smoothed, .. }| {
+                assert!(
+                    cycle >= 3 && (smoothed.mean.x - elsewhere.mean.x).abs() < 0.5,
+                    "{cycle}: {smoothed:?}"
+                );
             });
         }
     }
@@ -304,7 +325,7 @@ mod tests {
         let mut smoother = FixedLag::<4>::new(10.0, MOTION);
         let mut told = 0;
         for (_, agent) in &run {
-            smoother.enter(*agent, 0.1, |age_s, _| {
+            smoother.enter(*agent, 0.1, |Past { age_s, .. }| {
                 told += 1;
                 assert!((age_s - 0.4).abs() < 1e-3, "{age_s}");
             });

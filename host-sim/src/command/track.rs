@@ -25,6 +25,10 @@ pub struct Options {
     /// Variant of the tracker, for comparison.
     #[arg(long, value_name = "NAME", default_value = "soft", value_parser = tracker_variants())]
     variant: TrackerVariant,
+    /// Also tell where the tag was this many seconds ago, by what was heard since: scored beside the estimate, and two more
+    /// columns of the table.
+    #[arg(long, value_name = "SECONDS", value_parser = lag_s)]
+    lag: Option<f64>,
     /// Write the estimate of every cycle as a table, CSV or NPZ by the extension (docs/estimate-table.md).
     #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
@@ -39,12 +43,23 @@ pub struct Options {
     json: bool,
 }
 
+fn lag_s(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 3600.0 => Ok(value),
+        _ => Err("is not a time above 0 and up to 3600 s".into()),
+    }
+}
+
 #[derive(Serialize)]
 struct Outcome<'a> {
     recording: &'a str,
     variant: &'static str,
     #[serde(flatten)]
     score: &'a Score,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lag_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rmse_lag_m: Option<f64>,
     virtual_anchors: &'a MapScore,
     #[serde(flatten)]
     consistency: &'a Consistency,
@@ -71,8 +86,10 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let bar = progress(recording.cycles.len(), "tracking");
     let run = track_setup(&setup, &recording, folder, || bar.inc(1))?;
     bar.finish_and_clear();
+    let lagged = options.lag.map(|lag_s| run.lagged(&setup, &recording, lag_s));
     if let Some((to, format)) = options.table.as_ref().zip(format) {
-        estimate_table::write(&recording, &run.estimates, format, to)?;
+        let lagged_m = lagged.as_ref().map(|lagged| &lagged.positions_m[..]);
+        estimate_table::write(&recording, &run.estimates, lagged_m, format, to)?;
     }
     let figure = if options.no_figure {
         None
@@ -85,6 +102,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             recording: &recording.name,
             variant: options.variant.name(),
             score,
+            lag_s: options.lag,
+            rmse_lag_m: lagged.and_then(|lagged| lagged.rmse_m),
             virtual_anchors: &run.map,
             consistency: &run.consistency,
             measurements_left_out: run.left_out,
@@ -121,6 +140,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         },
         score.us_per_cycle,
     ));
+    if let Some((lag_s, lagged)) = options.lag.zip(lagged) {
+        print(&format!("{lag_s} s later: RMSE {} m", metres(lagged.rmse_m)));
+    }
     print_consistency(&run.consistency);
     print_map_score(&run.map);
     if !run.virtual_anchors.is_empty() {

@@ -306,7 +306,13 @@ mod tests {
     use crate::model::measurement::Clutter;
 
     fn expectation(range_m: f32, deviation_m: f32) -> Expectation {
-        Expectation { range_m, variance_m2: deviation_m * deviation_m, existence: 1.0, detection: 0.95, lateness: Lateness::NONE }
+        Expectation {
+            range_m,
+            variance_m2: deviation_m * deviation_m,
+            existence: 1.0,
+            detection: 0.95,
+            lateness: Lateness::NONE,
+        }
     }
 
     fn measurement(range_m: f32, deviation_m: f32) -> Measurement {
