@@ -79,7 +79,7 @@ const COMMANDS: [(&str, &[&str]); 34] = [
         ],
     ),
     (
-        "cogmint experiment rooms [--count N] [--seed S] [--family NAME,...] [--plan NAME,...] [--start NAME,...] [--interference NAME,...] [--anchors N,...] [--incident NAME] [--belief NAME=VALUE] [--only TRACKER,...] [--csv FILE] [--write DIR]",
+        "cogmint experiment rooms [--count N] [--seed S] [--family NAME,...] [--plan NAME,...] [--start NAME,...] [--interference NAME,...] [--anchors N,...] [--incident NAME] [--defect NAME] [--belief NAME=VALUE] [--only TRACKER,...] [--csv FILE] [--write DIR]",
         &[
             "experiment rooms --count 1 --seed 7 --family stairwell --plan exact,0.1 --start 1 --interference none --belief turns_per_s=1 --only told,ekf --csv rooms.csv --write rooms",
         ],

@@ -74,6 +74,29 @@ fn incidents_befall_rooms_of_so_many_anchors_and_are_judged() {
 }
 
 #[test]
+fn defects_of_the_radio_are_the_same_for_all_trackers_and_said() {
+    let folder = Folder::new("rooms-defects");
+    let run = |arguments: &str| cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());
+    let rooms = "experiment rooms --count 1 --seed 40 --plan 0.1 --start 1 --only told,direct --json";
+    let answer = |defect: &str| answer(&folder, &format!("{rooms}{defect}"));
+    let usual = answer("");
+    assert!(usual.get("defect").is_none() && usual["runs"][0].get("defect").is_none());
+    for defect in ["pulse-long", "peak-late", "eight-bit", "side-lobes"] {
+        let spoilt = answer(&format!(" --defect {defect}"));
+        assert_eq!((&spoilt["defect"], &spoilt["runs"][0]["defect"]), (&defect.into(), &defect.into()));
+        // The same rooms are answerable, and no tracker is spared.
+        assert_eq!(spoilt["answerable"], usual["answerable"]);
+        for (run, before) in spoilt["runs"].as_array().unwrap().iter().zip(usual["runs"].as_array().unwrap())
+        {
+            assert!(run["rmse_m"].is_number() && run["rmse_m"] != before["rmse_m"], "{defect}: {run}");
+        }
+    }
+    assert_eq!(run(&format!("{rooms} --defect rust")).status.code(), Some(2));
+    assert_eq!(run(&format!("{rooms} --defect eight-bit --incident silence")).status.code(), Some(2));
+    assert_eq!(run(&format!("{rooms} --defect eight-bit --write some")).status.code(), Some(2));
+}
+
+#[test]
 fn settings_of_the_belief_are_changed_by_name_and_said() {
     let folder = Folder::new("rooms-settings");
     let run = |arguments: &str| cogmint(folder.path(), &arguments.split(' ').collect::<Vec<_>>());

@@ -155,6 +155,16 @@ impl PulseSpectrum {
         sum
     }
 
+    /// The pulse as it is sent, of linear phase: int sqrt(P) cos(2 pi f t) df at a time from its middle, within 40 pulse durations.
+    pub fn transmitted(&self, time_s: f64) -> f64 {
+        let step_hz = 2.0 * self.half_band_hz / self.coarse.len() as f64;
+        let at = |(n, power): (usize, &f64)| {
+            let offset_hz = -self.half_band_hz + (n as f64 + 0.5) * step_hz;
+            (power * step_hz).sqrt() * libm::cos(std::f64::consts::TAU * offset_hz * time_s)
+        };
+        self.coarse.iter().enumerate().map(at).sum()
+    }
+
     /// What the matched filter keeps of a profile at `excess_s` after its onset: int S(t - u) R^2(u) du.
     pub fn smeared(&self, profile: &ProfileTable, excess_s: f64) -> f64 {
         let step_s = self.duration_s / SMEAR_STEPS;

@@ -175,7 +175,7 @@ fn replace(cycle: &mut Cycle, other: Cycle, anchor: usize) {
 }
 
 /// A frame that begins beyond the longest range is none: the tracker would refuse the whole cycle.
-fn leave_out_beyond(cycle: &mut Cycle, longest_m: f64) {
+pub(super) fn leave_out_beyond(cycle: &mut Cycle, longest_m: f64) {
     cycle.frames.retain(|frame| SPEED_OF_LIGHT_M_S * frame.first_sample_delay_s < longest_m);
 }
 

@@ -4,6 +4,7 @@
 //! a random stream of its own: restricting what may be drawn of one leaves the others as they are. `docs/rooms.md` lists
 //! what is drawn with which probability. No room is rejected for being hard.
 
+mod defect;
 mod draws;
 mod free_space;
 mod incident;
@@ -24,6 +25,7 @@ use free_space::FreeSpace;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
+pub use defect::Defect;
 pub use incident::Incident;
 pub use layout::Family;
 pub use way::Motion;

@@ -6,11 +6,13 @@ use crate::Failure;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use cogmint::experiment::rooms::setting::BeliefSetting;
 use cogmint::experiment::rooms::summary::{Group, Summary, TrackerFigures, groups};
-use cogmint::experiment::rooms::{RoomRuns, run_rooms};
+use cogmint::experiment::rooms::{RoomRuns, Wrong, run_rooms};
 use cogmint::experiment::side_by_side::Tracker;
 use cogmint::experiment::side_by_side::run::Run;
 use cogmint::input_error::InputError;
-use cogmint::rooms::{Disturbance, Drawn, Family, Incident, Plan, RandomRoom, Restriction, Start, room};
+use cogmint::rooms::{
+    Defect, Disturbance, Drawn, Family, Incident, Plan, RandomRoom, Restriction, Start, room,
+};
 use cogmint::whole_file;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -42,6 +44,10 @@ pub struct Options {
     /// no frame arrives for up to 10 s, or only clutter does; or the tag is carried elsewhere, unheard (docs/rooms.md).
     #[arg(long, value_name = "NAME", value_parser = one_of(&Incident::ALL, Incident::name), conflicts_with_all = ["draw", "write"])]
     incident: Option<Incident>,
+    /// What is wrong with the radio in every room, and no tracker is told of: pulses are told 20 % too long, their peak is 0.1 m late,
+    /// samples have 8 bits, or pulses have side lobes of -10 dB (docs/rooms.md).
+    #[arg(long, value_name = "NAME", value_parser = one_of(&Defect::ALL, Defect::name), conflicts_with_all = ["incident", "draw", "write"])]
+    defect: Option<Defect>,
     /// Change a setting of the core's belief, to see what a part of it is worth; more than once for several. `components=N` sets
     /// `comparisons` to N times the number of anchors (docs/rooms.md).
     #[arg(long, value_name = "NAME=VALUE", conflicts_with = "draw")]
@@ -90,6 +96,8 @@ struct Answer<'a> {
     seed: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     incident: Option<Incident>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    defect: Option<Defect>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     belief: Vec<String>,
     #[serde(flatten)]
@@ -105,6 +113,8 @@ struct Row<'a> {
     drawn: Drawn,
     #[serde(skip_serializing_if = "Option::is_none")]
     incident: Option<Incident>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    defect: Option<Defect>,
     answerable: bool,
     bound_m: Option<f64>,
     paths_per_frame: f64,
@@ -134,10 +144,12 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         return print_drawn(&rooms, options.json);
     }
     let trackers = asked(&options.only);
+    // The command line takes one of them only.
+    let wrong = options.incident.map(Wrong::Incident).or(options.defect.map(Wrong::Defect));
     let bar = progress_of(rooms.len(), "tracking", "rooms");
-    let runs = run_rooms(&rooms, options.incident, &options.belief, &trackers, || bar.inc(1))?;
+    let runs = run_rooms(&rooms, wrong, &options.belief, &trackers, || bar.inc(1))?;
     bar.finish_and_clear();
-    let rows: Vec<Row> = runs.iter().flat_map(|room| rows(room, options.incident)).collect();
+    let rows: Vec<Row> = runs.iter().flat_map(|room| rows(room, options)).collect();
     if let Some(file) = &options.csv {
         write_csv(&rows, file)?;
     }
@@ -147,6 +159,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         return print_json(&Answer {
             seed: options.seed,
             incident: options.incident,
+            defect: options.defect,
             belief: options.belief.iter().map(BeliefSetting::to_string).collect(),
             summary,
             groups: groups(&runs),
@@ -157,6 +170,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         "{} random rooms, seeds from {}; {} answerable\n",
         summary.rooms, options.seed, summary.answerable
     ));
+    if let Some(defect) = options.defect {
+        print(&format!("defect of every radio: {}\n", defect.name()));
+    }
     for setting in &options.belief {
         print(&format!("belief: {setting}\n"));
     }
@@ -179,11 +195,13 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-fn rows(room: &RoomRuns, incident: Option<Incident>) -> impl Iterator<Item = Row<'_>> {
+fn rows<'a>(room: &'a RoomRuns, options: &Options) -> impl Iterator<Item = Row<'a>> + use<'a> {
     let trackers = &room.trackers;
+    let (incident, defect) = (options.incident, options.defect);
     trackers.runs.iter().map(move |run| Row {
         drawn: room.drawn,
         incident,
+        defect,
         answerable: room.is_answerable(),
         bound_m: trackers.bound_m,
         paths_per_frame: trackers.paths_per_frame,

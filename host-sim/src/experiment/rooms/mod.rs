@@ -11,7 +11,7 @@ use super::side_by_side::run::Judging;
 use super::side_by_side::{SideBySide, Tracker, answerable, run_recording};
 use crate::input_error::InputError;
 use crate::replay::Setup;
-use crate::rooms::{Drawn, Incident, RandomRoom, Start};
+use crate::rooms::{Defect, Drawn, Incident, RandomRoom, Start};
 use crate::simulator::Simulator;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -35,13 +35,22 @@ impl RoomRuns {
     }
 }
 
-/// Runs the trackers in a room, in which there may be an incident, with these settings of the core changed.
+/// What is wrong in a room besides what rooms draw; no tracker is told of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wrong {
+    /// Something happens in it.
+    Incident(Incident),
+    /// The radio is not what is told.
+    Defect(Defect),
+}
+
+/// Runs the trackers in a room, in which something may be wrong, with these settings of the core changed.
 ///
 /// # Errors
 /// The room cannot be simulated, or the core refuses what it gives.
 pub fn run_room(
     room: &RandomRoom,
-    incident: Option<Incident>,
+    wrong: Option<Wrong>,
     settings: &[BeliefSetting],
     trackers: &[Tracker],
 ) -> Result<RoomRuns, InputError> {
@@ -50,10 +59,13 @@ pub fn run_room(
     let mut recording = simulator.record(usize::MAX, || {});
     let mut judging =
         Judging { starts_anywhere: room.drawn.start == Start::Anywhere, unheard_s: None, answerable: None };
-    if let Some(incident) = incident {
-        // The same rooms are answerable whatever happens in them.
+    if let Some(wrong) = wrong {
+        // The same rooms are answerable whatever is wrong in them.
         judging.answerable = answerable(&recording, &Setup::new(&recording, file, None)?);
-        judging.unheard_s = incident.befall(room, &mut recording)?;
+        match wrong {
+            Wrong::Incident(incident) => judging.unheard_s = incident.befall(room, &mut recording)?,
+            Wrong::Defect(defect) => defect.spoil(room, &mut recording)?,
+        }
     }
     let mut setup = Setup::new(&recording, file, None)?;
     for setting in settings {
@@ -70,13 +82,13 @@ pub fn run_room(
 /// As [`run_room`], of the first room that fails.
 pub fn run_rooms(
     rooms: &[RandomRoom],
-    incident: Option<Incident>,
+    wrong: Option<Wrong>,
     settings: &[BeliefSetting],
     trackers: &[Tracker],
     on_room: impl Fn() + Sync,
 ) -> Result<Vec<RoomRuns>, InputError> {
     let run = |room| {
-        let runs = run_room(room, incident, settings, trackers);
+        let runs = run_room(room, wrong, settings, trackers);
         on_room();
         runs
     };
