@@ -2,8 +2,8 @@
 //!
 //! Stated model: y(t) = sum_k a_k exp(j phi_k) R(t - tau_k) + n(t), of which |y| is known. Noise and dense multipath
 //! have the same level lambda(t) as in complex frames, since |n|^2 is exponentially distributed whatever its phase.
-//! Magnitudes do not add up, so paths are at least one pulse duration apart, and the phase of one path against another
-//! is unknown: two paths closer than that are reported as one, somewhere between them; beside a path whose neighbour
+//! Magnitudes do not add up, and the phase of one path against another is unknown: two paths that make one maximum are
+//! reported as one, somewhere between them, and maxima closer than 0.8 pulse durations are one path's; beside a path whose neighbour
 //! has the energy E at its delay, the neighbour's overlap shifts the delay. The SINR counts this overlap as noise.
 //!
 //! One path: three samples m_i half a pulse apart, around a maximum of |y|, are fitted with a R(t_i - tau). Turned by

@@ -211,7 +211,7 @@ fn detection_threshold(bandwidth_window: f32, false_paths: f32) -> f32 {
 
 /// Mathematics: parts in n independent samples by which a peak is lost in a level fitted to n of them, less those by which the
 /// level's own errors bring false ones; fitted to simulated frames, in noise alone, in dense multipath and in rooms.
-pub const SELF_SHARE: f32 = -0.7;
+pub const SELF_SHARE: f32 = -0.5;
 
 /// kappa where the level is fitted to n samples. A peak hardly lifts the level under it, cut off as it is there, and the
 /// level's errors are the larger part.
