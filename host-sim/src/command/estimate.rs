@@ -3,9 +3,10 @@
 use super::{OUTPUT_FOLDER, check_writable, metres, print, print_json, progress, write_picture};
 use crate::Failure;
 use clap::builder::RangedU64ValueParser;
-use cogmint::estimate::link::{Link, links};
+use cogmint::estimate::link::{AgainstTruth, Link, links};
 use cogmint::estimate::spread::Spread;
 use cogmint::estimate::summary::{Share, Summary, summaries};
+use cogmint::estimate::truth::Tally;
 use cogmint::estimate::{EstimatedFrame, count, estimate};
 use cogmint::input_error::InputError;
 use cogmint::recording::{META_FILE, Recording};
@@ -64,6 +65,7 @@ struct Estimated {
 struct Outcome<'a> {
     false_paths: f64,
     recordings: &'a [Estimated],
+    truth: Option<AgainstTruth>,
     summaries: &'a [Summary],
     figure: [PathBuf; 2],
 }
@@ -79,6 +81,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     options.csv.as_deref().map(check_writable).transpose()?;
     let mut estimated: Vec<Estimated> = Vec::with_capacity(folders.len());
     let mut picture = None;
+    let mut tally = Tally::default();
     for folder in folders {
         let recording = Recording::read(&folder)?;
         let bar = progress(count(&recording, &folder, &chosen)?, "estimating");
@@ -89,6 +92,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             picture = Some(view::estimate::picture(&recording, &folder, &chosen, &frames, cycle)?);
         }
         let links = links(&recording, &frames);
+        tally.add(&recording, &frames);
         estimated.push(Estimated { name: recording.name, folder, links, frames });
     }
     let stem = estimated[0].folder.file_name().map_or("recording".into(), |name| name.to_string_lossy());
@@ -100,16 +104,18 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     }
     let all_links: Vec<&Link> = estimated.iter().flat_map(|recording| &recording.links).collect();
     let summaries = summaries(&all_links);
+    let truth = tally.figures();
     if options.json {
         return print_json(&Outcome {
             false_paths: options.false_paths,
             recordings: &estimated,
+            truth,
             summaries: &summaries,
             figure,
         });
     }
     print_links(&all_links);
-    print_truth(&all_links);
+    print_truth(&all_links, truth.as_ref());
     print_registered(&all_links);
     summaries.iter().for_each(print_summary);
     print(&format!("\nFigure: {}", figure[1].display()));
@@ -200,25 +206,36 @@ fn short(text: &str, length: usize) -> String {
     }
 }
 
-fn print_truth(links: &[&Link]) {
-    if links.iter().all(|link| link.truth.is_none()) {
-        return;
-    }
+fn print_truth(links: &[&Link], all: Option<&AgainstTruth>) {
+    let Some(all) = all else { return };
     print(
-        "\nagainst true paths            paths   found   of 12 dB  false/frame  delay RMSE ps  first path error m: std",
+        "\nagainst true paths            paths   found    of 9 dB   of 12 dB  false/frame  far off  level 50 %  95 %  \
+         delay RMSE ps  first path error m: std",
     );
-    for link in links {
-        let Some(truth) = &link.truth else { continue };
+    let row = |name: &str, truth: &AgainstTruth, error: Option<Spread>| {
+        let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".into(), |ratio| format!("{ratio:.2}"));
         print(&format!(
-            "{:<29} {:>5} {:>7} {:>10} {:>12.3} {:>14} {:>24}",
-            name_of(link),
+            "{:<29} {:>5} {:>7} {:>10} {:>10} {:>12.3} {:>8.3} {:>11} {:>5} {:>14} {:>24}",
+            name,
             truth.paths,
             percent(truth.detected_share),
+            percent(truth.detected_share_above_9_db),
             percent(truth.detected_share_above_12_db),
             truth.false_paths_per_frame,
+            truth.far_false_paths_per_frame,
+            ratio(truth.level_ratio_median),
+            ratio(truth.level_ratio_95),
             truth.delay_rmse_s.map_or_else(|| "-".into(), |rmse_s| format!("{:.1}", 1e12 * rmse_s)),
-            link.first_path_error_m.map_or_else(|| "-".into(), |error| format!("{:.4}", error.std)),
+            error.map_or_else(|| "-".into(), |error| format!("{:.4}", error.std)),
         ));
+    };
+    for link in links {
+        if let Some(truth) = &link.truth {
+            row(&name_of(link), truth, link.first_path_error_m);
+        }
+    }
+    if links.len() > 1 {
+        row("all frames", all, None);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::registration::{Response, register};
 use super::spread::{Spread, median};
-use super::truth::matches;
+use super::truth::Tally;
 use super::{EstimatedFrame, SPEED_OF_LIGHT_M_S};
 use crate::recording::{Recording, Samples};
 use serde::Serialize;
@@ -80,10 +80,18 @@ pub struct AgainstTruth {
     pub paths: usize,
     /// Share of them found within half a pulse duration.
     pub detected_share: Option<f64>,
+    /// Share found of those of 9 dB SINR and more.
+    pub detected_share_above_9_db: Option<f64>,
     /// Share found of those of 12 dB SINR and more.
     pub detected_share_above_12_db: Option<f64>,
     /// Estimated paths per frame that are no true one.
     pub false_paths_per_frame: f64,
+    /// Those of them that are farther than a pulse duration from every true path above -3 dB: nothing is there.
+    pub far_false_paths_per_frame: f64,
+    /// Fitted level of noise and dense multipath over the true one, where true paths are: median.
+    pub level_ratio_median: Option<f64>,
+    /// That which 95 % of them stay below.
+    pub level_ratio_95: Option<f64>,
     /// Root mean square delay error of the paths found, seconds.
     pub delay_rmse_s: Option<f64>,
 }
@@ -128,7 +136,11 @@ fn link(recording: &Recording, anchor: usize, name: &str, frames: &[&EstimatedFr
         residual_share: median(frames.iter().filter_map(|frame| frame.residual_share)),
         noise_share: median(frames.iter().map(|frame| frame.noise_share)).unwrap_or(0.0),
         registered: registered(recording, anchor, frames),
-        truth: against_truth(recording, anchor, frames),
+        truth: {
+            let mut tally = Tally::default();
+            tally.add(recording, frames.iter().copied());
+            tally.figures()
+        },
     }
 }
 
@@ -197,38 +209,6 @@ fn is_at_rest(recording: &Recording, frames: &[&EstimatedFrame]) -> bool {
     let mut places = frames.iter().map(|frame| recording.cycles[frame.cycle].truth_position_m);
     let Some(Some([x, y])) = places.next() else { return false };
     places.all(|place| place.is_some_and(|[other_x, other_y]| (other_x - x).hypot(other_y - y) <= REST_M))
-}
-
-fn against_truth(recording: &Recording, anchor: usize, frames: &[&EstimatedFrame]) -> Option<AgainstTruth> {
-    if recording.cycles.iter().all(|cycle| cycle.truth_paths.is_empty()) {
-        return None;
-    }
-    let spacing_s = recording.radio.sample_spacing_s?;
-    let (mut paths, mut found, mut strong, mut strong_found, mut false_paths) = (0, 0, 0, 0, 0);
-    let mut errors_s = Vec::new();
-    for frame in frames {
-        let cycle = &recording.cycles[frame.cycle];
-        let raw = cycle.frames.iter().find(|raw| raw.anchor == anchor)?;
-        let end_s = raw.first_sample_delay_s + raw.samples.len() as f64 * spacing_s;
-        let inside = |delay_s: f64| (raw.first_sample_delay_s..end_s).contains(&delay_s);
-        let truth = cycle.truth_paths.iter().filter(|path| path.anchor == anchor && inside(path.delay_s));
-        let pulse_s = recording.actions[raw.action].pulse_duration_s;
-        let outcome = matches(truth, &frame.paths, 0.5 * pulse_s);
-        paths += outcome.paths;
-        found += outcome.found;
-        strong += outcome.strong;
-        strong_found += outcome.strong_found;
-        false_paths += outcome.false_paths;
-        errors_s.extend(outcome.errors_s);
-    }
-    let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
-    Some(AgainstTruth {
-        paths,
-        detected_share: share(found, paths),
-        detected_share_above_12_db: share(strong_found, strong),
-        false_paths_per_frame: false_paths as f64 / frames.len() as f64,
-        delay_rmse_s: Spread::of(errors_s).map(|spread| spread.rms),
-    })
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ pub mod link;
 pub mod registration;
 pub mod spread;
 pub mod summary;
-mod truth;
+pub mod truth;
 
 use crate::input_error::InputError;
 use crate::recording::{ARRAYS_FILE, Cycle, Frame, META_FILE, Recording, Samples};
@@ -20,6 +20,9 @@ use std::path::Path;
 
 /// Speed of light, metres per second.
 pub(crate) const SPEED_OF_LIGHT_M_S: f64 = 299_792_458.0;
+
+/// Below this SINR a true path tells no level: its power is lost in rounding.
+const LEAST_SINR: f64 = 1e-6;
 
 /// Which frames are estimated, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,6 +113,8 @@ pub struct EstimatedFrame {
     pub residual_share: Option<f64>,
     /// The share of the frame's energy that is white noise.
     pub noise_share: f64,
+    /// Level of noise and dense multipath over the true one, at each true path in the frame.
+    pub level_ratios: Vec<f64>,
     /// Where the response begins.
     pub first_path: Option<FirstPath>,
     /// The paths, by delay.
@@ -290,6 +295,7 @@ impl Stage {
             dense_rms_delay_spread_s: f64::from(estimate.dense.rms_delay_spread_s),
             residual_share: self.residual_energy(&frame.samples, &estimate).map(|left| left / energy),
             noise_share: white_noise * frame.samples.len() as f64 / energy,
+            level_ratios: self.level_ratios(cycle, frame, &estimate),
             first_path,
             paths: paths
                 .into_iter()
@@ -301,6 +307,20 @@ impl Stage {
                 })
                 .collect(),
         })
+    }
+
+    /// The fitted level over the true one, which is a path's power over its SINR, at the frame's true paths.
+    fn level_ratios(&self, cycle: &Cycle, frame: &Frame, estimate: &ChannelEstimate<PATHS>) -> Vec<f64> {
+        let samples = frame.samples.len() as f64;
+        let own =
+            cycle.truth_paths.iter().filter(|path| path.anchor == frame.anchor && path.sinr > LEAST_SINR);
+        own.filter_map(|path| {
+            let position = (path.delay_s - frame.first_sample_delay_s) / self.spacing_s;
+            let truth = path.magnitude * path.magnitude / path.sinr;
+            let level = f64::from(estimate.noise.level(position as f32, self.spacing_s as f32));
+            (position >= 0.0 && position < samples).then_some(level / truth)
+        })
+        .collect()
     }
 
     /// Energy that is left of complex samples without the paths.

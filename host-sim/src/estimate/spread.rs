@@ -50,6 +50,14 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some(0.5 * (low + high))
 }
 
+/// The least value that at least the share `share` of them do not exceed; none of none.
+pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
+    let mut values = values.to_vec();
+    values.sort_by(f64::total_cmp);
+    let rank = (share * values.len() as f64).ceil() as usize;
+    values.get(rank.saturating_sub(1)).copied()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -69,5 +77,6 @@ mod tests {
         assert_eq!(Spread::of([]), None);
         assert_eq!(Spread::of([7.0]).map(|spread| (spread.median, spread.std)), Some((7.0, 0.0)));
         assert_eq!(median([1.0, 4.0]), Some(2.5));
+        assert_eq!((quantile(&[3.0, 1.0, 2.0, 4.0], 0.75), quantile(&[], 0.5)), (Some(3.0), None));
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Stated model: y(t) = sum_k a_k exp(j phi_k) R(t - tau_k) + n(t), of which |y| is known. Noise and dense multipath
 //! have the same level lambda(t) as in complex frames, since |n|^2 is exponentially distributed whatever its phase.
-//! Magnitudes do not add up, so paths are at least one pulse duration apart, and the phase of one path against another
-//! is unknown: two paths closer than that are reported as one, somewhere between them; beside a path whose neighbour
+//! Magnitudes do not add up, and the phase of one path against another is unknown: two paths that make one maximum are
+//! reported as one, somewhere between them, and maxima closer than 0.8 pulse durations are one path's; beside a path whose neighbour
 //! has the energy E at its delay, the neighbour's overlap shifts the delay. The SINR counts this overlap as noise.
 //!
 //! One path: three samples m_i half a pulse apart, around a maximum of |y|, are fitted with a R(t_i - tau). Turned by
@@ -23,7 +23,7 @@ use crate::real::{abs, larger, limited, sqrt};
 use heapless::Vec;
 
 /// Capacity: passes of the noise fit before the first path, which bound its time.
-pub const FIRST_REFINEMENTS: usize = 8;
+pub const FIRST_REFINEMENTS: usize = 6;
 /// Capacity: passes of the noise fit before each further path, which bound its time.
 pub const REFINEMENTS: usize = 2;
 /// Capacity: passes of the fit of one path, which bound its time.
@@ -34,6 +34,8 @@ pub const SCALLOPING: f32 = 0.8;
 /// Guard: against paths in the noise fit, which cannot subtract them without their phases: it leaves out samples in which
 /// they have more energy than this, over the level.
 pub const EXPLAINED: f32 = 0.5;
+/// Guard: against finding one path twice: maxima closer than this to a path found are its own, pulse durations.
+pub const OWN_PULSES: f32 = 0.8;
 /// Mathematics: half the interval of the pulse's numerical slope, pulse durations.
 pub const SLOPE_PULSES: f32 = 0.0625;
 /// Guard: against a singular variance of the three samples, to which it is added: the tabulated pulse is not quite positive
@@ -147,9 +149,9 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         best.is_some_and(|peak| self.peaks.push(peak).is_ok())
     }
 
-    /// Whether a position is within a pulse duration of a path.
+    /// Whether a maximum at a position is a path's own.
     fn is_near(&self, peak: &Peak, position: f32) -> bool {
-        abs(position - peak.position) < self.estimator.table.samples_per_pulse()
+        abs(position - peak.position) < OWN_PULSES * self.estimator.table.samples_per_pulse()
     }
 
     /// What is left of a magnitude when all paths but `own` are taken off it, whatever their phases.

@@ -209,12 +209,12 @@ fn detection_threshold(bandwidth_window: f32, false_paths: f32) -> f32 {
     threshold
 }
 
-/// Mathematics: by how much more than one part in n independent samples a peak is lost in a level fitted to n of them; fitted
-/// to simulated frames, in noise alone and in dense multipath.
-pub const SELF_SHARE: f32 = 1.7;
+/// Mathematics: parts in n independent samples by which a peak is lost in a level fitted to n of them, less those by which the
+/// level's own errors bring false ones; fitted to simulated frames, in noise alone, in dense multipath and in rooms.
+pub const SELF_SHARE: f32 = -0.5;
 
-/// kappa where the level is fitted to n samples. A peak lifts the level under it, which costs more than the level's own
-/// errors add.
+/// kappa where the level is fitted to n samples. A peak hardly lifts the level under it, cut off as it is there, and the
+/// level's errors are the larger part.
 fn fitted_threshold(pulse: &Pulse, profile: &Profile, threshold: f32) -> f32 {
     let samples = profile.length_s() / pulse.effective_duration_s();
     threshold / (1.0 + SELF_SHARE / samples)

@@ -8,7 +8,9 @@
 //! The residual's powers are exponentially distributed with mean lambda(n). Their likelihood is climbed by the
 //! multiplicative updates theta_j <- theta_j f(sum_n p u / sum_n p v), v = 1/lambda, u = |r|^2 / lambda^2 (the
 //! Itakura-Saito case of non-negative matrix factorisation, Fevotte, Bertin and Durrieu 2009), with |r|^2 / lambda cut
-//! off at 5, so that a path not yet found counts little. For these sums the level is taken as constant over cells of a
+//! off at 3 (and what exponentially distributed powers lose by that given back), so that a path not yet found counts
+//! little: where they are in a share e of the samples, the level rises by (1 - e) / (1 - 3.2 e), where all of them are
+//! counted by their SINR. A lower cut would bear more of them, and is less sure of dense multipath. For these sums the level is taken as constant over cells of a
 //! few nanoseconds. A profile being two exponentials, the rest are recursions from cell to cell: one pass over the samples,
 //! whatever the number of nodes.
 
@@ -28,10 +30,12 @@ pub const NODES: usize = 128;
 /// Guard: against a weight of zero, which no factor would change: every node's first share of the white noise.
 pub const FIRST_SHARE: f32 = 0.02;
 /// Guard: against paths not yet found in the noise fit: powers over their level are cut off here.
-pub const CUT: f32 = 5.0;
-/// Mathematics: share of their mean that exponentially distributed powers keep when cut off at [`CUT`], 1 - e^-5.
-pub const KEPT: f32 = 0.993_262;
-/// Mathematics: mean of exponentially distributed powers when those above [`CUT`] are left out, 1 - 5 / (e^5 - 1).
+pub const CUT: f32 = 3.0;
+/// Mathematics: share of their mean that exponentially distributed powers keep when cut off at [`CUT`], 1 - e^-3.
+pub const KEPT: f32 = 0.950_213;
+/// Guard: against paths in the white level that the noise fit begins with: powers further over it are left out.
+pub const TRIM: f32 = 5.0;
+/// Mathematics: mean of exponentially distributed powers when those above [`TRIM`] are left out, 1 - 5 / (e^5 - 1).
 pub const TRIMMED_SHARE: f32 = 0.9661;
 /// Mathematics: grid of blocks by which the quietest parts of a frame are found.
 pub const BLOCKS: usize = 16;
@@ -234,12 +238,12 @@ impl CutPowers {
     }
 }
 
-/// Factor of an update: x (1 + x) / 2 with x = u / v; 1 where nothing was seen. Near 1 it is the power of 3/2 of x, an
-/// over-relaxation that needs half as many passes; the update still contracts, as the plain one has eigenvalues from 0
-/// to 1. Bounded, so that one update changes no level beyond repair.
+/// Factor of an update: the square of x = u / v; 1 where nothing was seen. It is an over-relaxation that needs half as many
+/// passes; the update still contracts: with powers cut off at [`CUT`], ln x falls by less than 0.85 of what the logarithm of a level rises.
+/// Bounded, so that one update changes no level beyond repair.
 fn factor(u: f32, v: f32) -> f32 {
     let ratio = if v > 0.0 { smaller(larger(u / v, 1e-3), 1e3) } else { 1.0 };
-    ratio * (0.5 + 0.5 * ratio)
+    ratio * ratio
 }
 
 /// Factors of the profile's exponentials, exp(-t/decay) and exp(-t/decay - t/rise), over some time.
@@ -354,7 +358,7 @@ impl TrimmedMean {
     }
 
     fn add(&mut self, power: f32) {
-        if power < CUT * self.guess {
+        if power < TRIM * self.guess {
             self.sum += power;
             self.count += 1;
         }

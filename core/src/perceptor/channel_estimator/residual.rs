@@ -5,13 +5,13 @@
 //! nothing is subtracted, and the energy of the paths found counts as noise. Around a path found, the rest says more of how well it
 //! was fitted than of others, and is masked.
 //!
-//! The level under a point was fitted to n independent samples, of which one is its own: it was lifted by (min(z, 5) - 1) / n, as the
-//! fit cuts powers off at 5 levels. That is taken back.
+//! The level under a point was fitted to n independent samples, of which one is its own: it was lifted by (min(z, 3) / 0.950 - 1) / n,
+//! as the fit cuts powers off at 3 levels, and gives back what noise loses by that. That is taken back.
 //!
 //! A byte per point: z in sixteenths.
 
 use super::interpolation::{Kernel, TAPS};
-use super::noise::{CUT, LevelSteps, LevelWalk};
+use super::noise::{CUT, KEPT, LevelSteps, LevelWalk};
 use super::{ChannelEstimate, ChannelEstimator};
 use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::MERGED;
@@ -130,7 +130,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                     };
                     if residual.energies.len() < wanted {
                         // As much as is wanted has room: the push succeeds.
-                        let energy = energy * (1.0 - own) / (1.0 - own * smaller(energy, CUT));
+                        let energy =
+                            energy * (1.0 - own) / (1.0 - own * (smaller(energy, CUT) * (1.0 / KEPT)));
                         let _ = residual.energies.push(steps_of(energy));
                     }
                 }
@@ -266,7 +267,7 @@ mod tests {
     /// An energy in steps, less what the point itself would have lifted the level by.
     fn kept(own: &ChannelEstimator<4>, energy: f32) -> f32 {
         let share = own.pulse.effective_duration_s() / own.profile.length_s();
-        16.0 * energy * (1.0 - share) / (1.0 - share * energy.min(5.0))
+        16.0 * energy * (1.0 - share) / (1.0 - share * energy.min(3.0) / 0.950_213)
     }
 
     fn range_m(position: f32) -> f32 {

@@ -13,7 +13,7 @@ use crate::reference::pulse::PulseTable;
 use crate::reference::real::{Real, abs, larger, limited, sqrt, square};
 use cogmint_core::perceptor::channel_estimator::SPARE_ROUNDS;
 use cogmint_core::perceptor::channel_estimator::magnitude::{
-    EXPLAINED, FIRST_REFINEMENTS, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
+    EXPLAINED, FIRST_REFINEMENTS, OWN_PULSES, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
 };
 
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +93,8 @@ fn strongest_peak<T: Real>(
     for n in 1..samples.len() - 1 {
         let at = T::of_count(n);
         let is_maximum = !(samples[n] < samples[n - 1] || samples[n] <= samples[n + 1]);
-        let near = |peak: &Peak<T>| abs(at - peak.position) < estimator.table.samples_per_pulse();
+        let own_samples = num(OWN_PULSES) * estimator.table.samples_per_pulse();
+        let near = |peak: &Peak<T>| abs(at - peak.position) < own_samples;
         if !is_maximum || peaks.iter().any(near) {
             continue;
         }

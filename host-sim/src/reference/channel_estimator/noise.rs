@@ -2,14 +2,14 @@
 //!
 //! lambda(n) = N0 + sum over nodes j of theta_j (1 - chi exp(-t/rise)) exp(-t/decay), t = (n - n_j) T_s >= 0.
 //!
-//! theta and N0 climb the likelihood of exponentially distributed powers by theta_j <- theta_j f(U_j / V_j), f(x) = x (1 + x) / 2, with U_j and
+//! theta and N0 climb the likelihood of exponentially distributed powers by theta_j <- theta_j (U_j / V_j)^2, with U_j and
 //! V_j the sums over n of the node's profile times |r|^2 / lambda^2 (cut off) and times 1 / lambda. The profile is the
 //! difference of two exponentials; both are carried apart.
 
 use crate::reference::real::{Real, exp, larger, smaller, sqrt, square};
 use cogmint_core::perceptor::channel_estimator::EstimatorSettings;
 use cogmint_core::perceptor::channel_estimator::noise::{
-    BLOCKS, CUT, FIRST_SHARE, KEPT, NODES, ONSET, RISE_DECAYS, TRIMMED_SHARE,
+    BLOCKS, CUT, FIRST_SHARE, KEPT, NODES, ONSET, RISE_DECAYS, TRIM, TRIMMED_SHARE,
 };
 
 /// The dense multipath of a frame: power (integral of its profile), mean delay, root mean square delay spread.
@@ -204,12 +204,10 @@ impl<T: Real> NoiseLevel<T> {
     }
 }
 
-/// x (1 + x) / 2 with x = u / v, within 1e-3 to 1e3, or 1 where there was nothing to see. Order: x times a half plus
-/// half of x.
+/// The square of u / v, this within 1e-3 to 1e3, or 1 where there was nothing to see.
 fn factor<T: Real>(u: T, v: T) -> T {
-    let half = T::of(0.5);
     let x = if v > T::ZERO { smaller(larger(u / v, T::of(1e-3)), T::of(1e3)) } else { T::ONE };
-    x * (half + half * x)
+    square(x)
 }
 
 /// Mean of exponentially distributed powers from those below five times a guess of it; the guess if there are none.
@@ -217,7 +215,7 @@ pub(super) fn trimmed_mean<T: Real>(powers: &[T], guess: T) -> T {
     let mut sum = T::ZERO;
     let mut count = 0;
     for power in powers {
-        if *power < T::of(CUT) * guess {
+        if *power < T::of(TRIM) * guess {
             sum += *power;
             count += 1;
         }

@@ -7,7 +7,7 @@
 use super::{ChannelEstimate, ChannelEstimator, power};
 use crate::reference::real::{Real, floor, larger, smaller, speed_of_light, square};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::channel_estimator::noise::{CUT, LENGTH_DECAYS};
+use cogmint_core::perceptor::channel_estimator::noise::{CUT, KEPT, LENGTH_DECAYS};
 use cogmint_core::perceptor::channel_estimator::residual::{FINEST, MOST, POINTS_PER_PULSE, STEPS};
 use cogmint_core::radio::pulse::MERGED;
 
@@ -91,7 +91,7 @@ impl<T: Real> ChannelEstimator<T> {
                     square(larger(value[0], T::ZERO)) / level
                 };
                 // Less what the point itself has lifted the level by.
-                let cut = smaller(energy, T::of(CUT));
+                let cut = smaller(energy, T::of(CUT)) * (T::ONE / T::of(KEPT));
                 energies.push(Some(sixteenths(energy * (T::ONE - own) / (T::ONE - own * cut))));
             }
         }
