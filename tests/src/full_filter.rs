@@ -212,6 +212,7 @@ impl Problem {
             let (is_wall, line) = match surface {
                 Surface::Private => (0, Line { centre_m: [0.0; 2], normal: [0.0; 2] }),
                 Surface::Wall(line) => (1, *line),
+                Surface::Heading { .. } => unreachable!("no heading is told"),
             };
             count(&mut feed, is_wall);
             [line.centre_m, line.normal, *state, *std].iter().for_each(|pair| floats(&mut feed, pair));

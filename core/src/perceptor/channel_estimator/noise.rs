@@ -33,6 +33,8 @@ pub const FIRST_SHARE: f32 = 0.02;
 pub const CUT: f32 = 3.0;
 /// Mathematics: share of their mean that exponentially distributed powers keep when cut off at [`CUT`], 1 - e^-3.
 pub const KEPT: f32 = 0.950_213;
+/// Mathematics: share of a change of all powers' level that their mean follows when cut off at [`CUT`]: (1 - 4 e^-3) / (1 - e^-3).
+pub const FOLLOWED: f32 = 0.842_814;
 /// Guard: against paths in the white level that the noise fit begins with: powers further over it are left out.
 pub const TRIM: f32 = 5.0;
 /// Mathematics: mean of exponentially distributed powers when those above [`TRIM`] are left out, 1 - 5 / (e^5 - 1).

@@ -5,13 +5,14 @@
 //! nothing is subtracted, and the energy of the paths found counts as noise. Around a path found, the rest says more of how well it
 //! was fitted than of others, and is masked.
 //!
-//! The level under a point was fitted to n independent samples, of which one is its own: it was lifted by (min(z, 3) / 0.950 - 1) / n,
-//! as the fit cuts powers off at 3 levels, and gives back what noise loses by that. That is taken back.
+//! The level under a point was fitted to n independent samples, of which one is its own: it was lifted by (min(z, 3) / 0.950 - 1) /
+//! (0.843 n), as the fit cuts powers off at 3 levels, gives back what noise loses by that, and so follows a change of all of them by
+//! 0.843 of it. That is taken back.
 //!
 //! A byte per point: z in sixteenths.
 
 use super::interpolation::{Kernel, TAPS};
-use super::noise::{CUT, KEPT, LevelSteps, LevelWalk};
+use super::noise::{CUT, FOLLOWED, KEPT, LevelSteps, LevelWalk};
 use super::{ChannelEstimate, ChannelEstimator};
 use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::MERGED;
@@ -109,7 +110,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let mut levels = LevelWalk::new(&estimate.noise, &steps);
         let mut level = levels.next();
         // Share of a point in the level under it.
-        let own = self.pulse.effective_duration_s() / self.profile.length_s();
+        let own = self.pulse.effective_duration_s() / (FOLLOWED * self.profile.length_s());
         let mut window = [[0.0; 2]; WINDOW];
         self.rest(samples, &taken, 0, window.get_mut(BEFORE..TAPS - 1).unwrap_or(&mut []));
         let mut from = 0;
@@ -266,7 +267,7 @@ mod tests {
 
     /// An energy in steps, less what the point itself would have lifted the level by.
     fn kept(own: &ChannelEstimator<4>, energy: f32) -> f32 {
-        let share = own.pulse.effective_duration_s() / own.profile.length_s();
+        let share = own.pulse.effective_duration_s() / (0.842_8 * own.profile.length_s());
         16.0 * energy * (1.0 - share) / (1.0 - share * energy.min(3.0) / 0.950_213)
     }
 

@@ -7,7 +7,7 @@
 use super::{ChannelEstimate, ChannelEstimator, power};
 use crate::reference::real::{Real, floor, larger, smaller, speed_of_light, square};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::channel_estimator::noise::{CUT, KEPT, LENGTH_DECAYS};
+use cogmint_core::perceptor::channel_estimator::noise::{CUT, FOLLOWED, KEPT, LENGTH_DECAYS};
 use cogmint_core::perceptor::channel_estimator::residual::{FINEST, MOST, POINTS_PER_PULSE, STEPS};
 use cogmint_core::radio::pulse::MERGED;
 
@@ -71,7 +71,8 @@ impl<T: Real> ChannelEstimator<T> {
         }
         let levels = estimate.noise.at_samples(rest.len() + 1);
         // One of as many samples as a profile is long.
-        let own = self.pulse.effective_duration_s() / (T::of(LENGTH_DECAYS) * self.profile[0]);
+        let length_s = T::of(LENGTH_DECAYS) * self.profile[0];
+        let own = self.pulse.effective_duration_s() / (T::of(FOLLOWED) * length_s);
         let mut energies = Vec::new();
         let share = T::ONE / T::of_count(points);
         for n in 0..rest.len() {
