@@ -7,17 +7,22 @@
 //! information. What moves is a chain in time (block tridiagonal), the calibration a border that all nodes share; the chain is
 //! eliminated node by node, and what is left of the border's information is the posterior's: its inverse holds the
 //! deviations, the uncertainty of the way included.
+//!
+//! A way that is free bends to its ranges: at its most probable, errors would look smaller than they are, and with one range per
+//! node vanish. What is maximised is therefore the posterior of the calibration with the way integrated out (Laplace):
+//! ln p(calibration, best way) - ln det(information of the way) / 2, by which a range tells of errors only as far as it does not
+//! place the tag.
 
 use super::range_error::{PARAMETERS, RangeError, Score};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::f64::consts::TAU;
 
 /// Steps of scoring, at most.
-const MOST_STEPS: usize = 100;
+const MOST_STEPS: usize = 200;
 /// Halvings of a step, at most.
 const MOST_HALVINGS: usize = 12;
 /// Steps end where they gain less than this, nats.
-const LEAST_GAIN_NAT: f64 = 1e-7;
+const LEAST_GAIN_NAT: f64 = 1e-5;
 /// Most that a logarithm or logit moves in a step.
 const LONGEST_LOG_STEP: f64 = 0.7;
 /// How a body turns: density of a heading's random walk, rad^2/s. The drone of the MILUV flight random_1 has 0.11.
@@ -30,8 +35,8 @@ const FIRST_STD: [f64; 2] = [5.0, 3.0];
 const BETWEEN_ANCHORS: [f64; 2] = [0.3, 0.7];
 /// Deviations of what is told of the noise (logarithm), the excess (logarithm), its share (logit) and the false share (logit).
 const SHAPE_STD: [f64; 4] = [1.5, 1.0, 1.5, 2.0];
-/// Guard: the shortest step of time between nodes, seconds.
-const SHORTEST_S: f64 = 1e-6;
+/// Guard: the shortest step of time between nodes, seconds: a motion over less is stiffer than sums in double precision bear.
+const SHORTEST_S: f64 = 2e-3;
 
 /// A range as it was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -175,16 +180,9 @@ impl Prior {
 
     /// What an anchor's errors look like.
     pub fn error(&self, parameters: &DVector<f64>, anchor: usize) -> RangeError {
-        let moved = |share: f64, by: f64| 1.0 / (1.0 + (1.0 / share - 1.0) * (-by).exp());
-        let shape = |parameter: usize| parameters[self.shape(parameter)];
-        let own = |which: usize| parameters[self.own(anchor, which)];
-        RangeError {
-            noise_std_m: self.error.noise_std_m * (shape(0) + own(0)).exp(),
-            excess_m: self.error.excess_m * shape(1).exp(),
-            excess_share: moved(self.error.excess_share, shape(2) + own(1)),
-            false_share: moved(self.error.false_share, shape(3)),
-            ..self.error
-        }
+        let own = [parameters[self.own(anchor, 0)], 0.0, parameters[self.own(anchor, 1)], 0.0];
+        let moves = own.into_iter().enumerate().map(|(shape, own)| own + parameters[self.shape(shape)]);
+        moves.enumerate().fold(self.error, |error, (shape, by)| error.moved(shape, by))
     }
 }
 
@@ -299,9 +297,10 @@ pub fn error_m(prior: &Prior, parameters: &DVector<f64>, node: &Node, observed: 
     observed.range_m - expected(prior, parameters, node, observed).0
 }
 
-/// Logarithm of the posterior's density.
+/// Logarithm of the posterior's density, the ways integrated out.
 fn objective(prior: &Prior, parameters: &DVector<f64>, runs: &[Run]) -> f64 {
     let errors = errors(prior, parameters);
+    let informations: Vec<_> = errors.iter().map(RangeError::information).collect();
     let told: f64 =
         parameters.iter().enumerate().map(|(place, value)| -0.5 * (value / prior.std(place)).powi(2)).sum();
     let of_run = |run: &Run| {
@@ -314,7 +313,9 @@ fn objective(prior: &Prior, parameters: &DVector<f64>, runs: &[Run]) -> f64 {
             let Transition { residual, precision, .. } = transition(free, run, pair);
             -0.5 * residual.dot(&(&precision * &residual))
         });
-        heard.sum::<f64>() + steps.sum::<f64>()
+        let width = Factors::of(way_chain(prior, parameters, run, &informations))
+            .map_or(f64::NEG_INFINITY, |factors| -0.5 * factors.ln_determinant());
+        heard.sum::<f64>() + steps.sum::<f64>() + width
     };
     told + runs.iter().map(of_run).sum::<f64>()
 }
@@ -373,6 +374,7 @@ fn transition(free: Free, run: &Run, pair: &[Node]) -> Transition {
 }
 
 /// Information and gradient of one run's chain.
+#[derive(Clone)]
 struct Chain {
     diagonal: Vec<DMatrix<f64>>,
     /// Between a node and the next.
@@ -392,6 +394,7 @@ fn newton(prior: &Prior, parameters: &DVector<f64>, runs: &[Run]) -> Option<Step
     let size = prior.len();
     let errors = errors(prior, parameters);
     let informations: Vec<_> = errors.iter().map(RangeError::information).collect();
+    let widths: Vec<_> = errors.iter().map(RangeError::precision_slopes).collect();
     let mut core = DMatrix::zeros(size, size);
     let mut core_gradient = DVector::zeros(size);
     for place in 0..size {
@@ -402,13 +405,20 @@ fn newton(prior: &Prior, parameters: &DVector<f64>, runs: &[Run]) -> Option<Step
     let mut eliminated = Vec::with_capacity(runs.len());
     for run in runs {
         let free = Free::of(run, prior);
-        let mut chain = motion_chain(prior, free, run);
+        let mut chain = way_chain(prior, parameters, run, &informations);
+        let covariances = Factors::of(chain.clone())?.covariances();
         for observed in &run.observed {
             let node = &run.nodes[observed.node];
             let (expected_m, slope, turn) = expected(prior, parameters, node, observed);
             let Score { slopes: score, .. } = errors[observed.anchor].score(observed.range_m - expected_m);
             let information = &informations[observed.anchor];
-            let (of_node, of_core) = slopes(prior, free, observed, slope, turn);
+            let (of_node, mut of_core) = slopes(prior, free, observed, slope, turn);
+            // Share of the range that places the tag: it tells less of errors by that much.
+            let leverage = leverage(&of_node, covariances.get(observed.node)) * information[0][0];
+            for (row, a) in &of_core {
+                let of_width = a[1..].iter().zip(&widths[observed.anchor]).map(|(a, w)| a * w).sum::<f64>();
+                core_gradient[*row] -= 0.5 * leverage * of_width;
+            }
             let product = |a: &[f64; PARAMETERS], b: &[f64; PARAMETERS]| -> f64 {
                 a.iter()
                     .zip(information)
@@ -418,15 +428,17 @@ fn newton(prior: &Prior, parameters: &DVector<f64>, runs: &[Run]) -> Option<Step
             let along = |a: &[f64; PARAMETERS]| a.iter().zip(score).map(|(a, s)| a * s).sum::<f64>();
             for (row, a) in &of_core {
                 core_gradient[*row] += along(a);
+            }
+            of_core
+                .iter_mut()
+                .for_each(|(_, a)| a[1..].iter_mut().for_each(|a| *a *= 1.0 - leverage.min(1.0)));
+            for (row, a) in &of_core {
                 for (column, b) in &of_core {
                     core[(*row, *column)] += product(a, b);
                 }
             }
             for (row, a) in &of_node {
                 chain.gradient[observed.node][*row] += along(a);
-                for (column, b) in &of_node {
-                    chain.diagonal[observed.node][(*row, *column)] += product(a, b);
-                }
                 for (column, b) in &of_core {
                     chain.border[observed.node][(*row, *column)] += product(a, b);
                 }
@@ -473,6 +485,84 @@ fn slopes(
     of_core.push((prior.own(anchor, 0), of_error(1)));
     of_core.push((prior.own(anchor, 1), of_error(3)));
     (of_node, of_core)
+}
+
+/// The chain of a run with what the ranges say of its nodes, but for gradients and border.
+fn way_chain(
+    prior: &Prior,
+    parameters: &DVector<f64>,
+    run: &Run,
+    informations: &[[[f64; PARAMETERS]; PARAMETERS]],
+) -> Chain {
+    let free = Free::of(run, prior);
+    let mut chain = motion_chain(prior, free, run);
+    if free.len() == 0 {
+        return chain;
+    }
+    for observed in &run.observed {
+        let (_, slope, turn) = expected(prior, parameters, &run.nodes[observed.node], observed);
+        let (of_node, _) = slopes(prior, free, observed, slope, turn);
+        for (row, a) in &of_node {
+            for (column, b) in &of_node {
+                chain.diagonal[observed.node][(*row, *column)] +=
+                    a[0] * b[0] * informations[observed.anchor][0][0];
+            }
+        }
+    }
+    chain
+}
+
+/// Variance of a range that its node's gives it, square metres.
+fn leverage(of_node: &[Slope], covariance: Option<&DMatrix<f64>>) -> f64 {
+    let Some(covariance) = covariance else { return 0.0 };
+    let rows = of_node.iter().map(|(row, a)| {
+        a[0] * of_node.iter().map(|(column, b)| covariance[(*row, *column)] * b[0]).sum::<f64>()
+    });
+    rows.sum()
+}
+
+/// A chain alone, factored.
+struct Factors {
+    pivots: Vec<Cholesky<f64, Dyn>>,
+    off: Vec<DMatrix<f64>>,
+}
+
+impl Factors {
+    fn of(chain: Chain) -> Option<Self> {
+        let Chain { mut diagonal, off, .. } = chain;
+        let mut pivots = Vec::with_capacity(diagonal.len());
+        if diagonal.first().is_none_or(|block| block.nrows() == 0) {
+            return Some(Self { pivots, off });
+        }
+        for index in 0..diagonal.len() {
+            let pivot = Cholesky::new(diagonal[index].clone())?;
+            if index + 1 < diagonal.len() {
+                let onward = pivot.solve(&off[index]);
+                diagonal[index + 1].gemm_tr(-1.0, &off[index], &onward, 1.0);
+            }
+            pivots.push(pivot);
+        }
+        Some(Self { pivots, off })
+    }
+
+    fn ln_determinant(&self) -> f64 {
+        self.pivots.iter().map(|pivot| 2.0 * pivot.l_dirty().diagonal().map(f64::ln).sum()).sum()
+    }
+
+    /// Covariance of every node, from the last one on.
+    fn covariances(&self) -> Vec<DMatrix<f64>> {
+        let mut covariances: Vec<DMatrix<f64>> = Vec::with_capacity(self.pivots.len());
+        for (index, pivot) in self.pivots.iter().enumerate().rev() {
+            let mut covariance = pivot.inverse();
+            if let Some(later) = covariances.last() {
+                let onward = pivot.solve(&self.off[index]);
+                covariance += &onward * later * onward.transpose();
+            }
+            covariances.push(covariance);
+        }
+        covariances.reverse();
+        covariances
+    }
 }
 
 /// The chain of a run before anything was measured.

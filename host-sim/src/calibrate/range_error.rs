@@ -14,6 +14,8 @@ use std::f64::consts::{PI, SQRT_2};
 pub const PARAMETERS: usize = 5;
 /// Points of the information's integral over noise and excess.
 const POINTS: usize = 600;
+/// Step of numeric slopes, in logarithms and logits.
+const SLOPE_STEP: f64 = 1e-3;
 /// Below this the Gaussian tail is taken from its asymptotic series.
 const DEEP: f64 = -6.0;
 
@@ -97,6 +99,26 @@ impl RangeError {
         information
     }
 
+    /// Slopes of the logarithm of [`RangeError::information`]'s first entry, the weight of a range as a length, over ln sigma, ln m,
+    /// logit w and logit f, by differences.
+    pub fn precision_slopes(&self) -> [f64; PARAMETERS - 1] {
+        std::array::from_fn(|parameter| {
+            let at = |by: f64| self.moved(parameter, by).information()[0][0].ln();
+            (at(SLOPE_STEP) - at(-SLOPE_STEP)) / (2.0 * SLOPE_STEP)
+        })
+    }
+
+    /// With one of ln sigma, ln m, logit w and logit f, counted from 0, moved.
+    pub fn moved(self, parameter: usize, by: f64) -> Self {
+        let share = |share: f64| 1.0 / (1.0 + (1.0 / share - 1.0) * (-by).exp());
+        match parameter {
+            0 => Self { noise_std_m: self.noise_std_m * by.exp(), ..self },
+            1 => Self { excess_m: self.excess_m * by.exp(), ..self },
+            2 => Self { excess_share: share(self.excess_share), ..self },
+            _ => Self { false_share: share(self.false_share), ..self },
+        }
+    }
+
     /// Mean and standard deviation of the error of a range that is not false, metres: what a tracker that knows Gaussians alone
     /// is told.
     pub fn moments_m(&self) -> (f64, f64) {
@@ -126,21 +148,6 @@ mod tests {
         RangeError { noise_std_m: 0.1, excess_share: 0.25, excess_m: 0.4, false_share: 0.02, longest_m: 30.0 }
     }
 
-    fn logit(share: f64) -> f64 {
-        (share / (1.0 - share)).ln()
-    }
-
-    fn shifted(error: RangeError, parameter: usize, by: f64) -> RangeError {
-        let moved = |share: f64| 1.0 / (1.0 + (-(logit(share) + by)).exp());
-        match parameter {
-            1 => RangeError { noise_std_m: error.noise_std_m * by.exp(), ..error },
-            2 => RangeError { excess_m: error.excess_m * by.exp(), ..error },
-            3 => RangeError { excess_share: moved(error.excess_share), ..error },
-            4 => RangeError { false_share: moved(error.false_share), ..error },
-            _ => error,
-        }
-    }
-
     #[test]
     fn slopes_are_those_of_the_logarithm() {
         let error = usual();
@@ -148,9 +155,10 @@ mod tests {
             let slopes = error.score(error_m).slopes;
             for (parameter, slope) in slopes.into_iter().enumerate() {
                 let step = 1e-5;
+                let moved = |by: f64| if parameter == 0 { error } else { error.moved(parameter - 1, by) };
                 let at = |by: f64| {
                     let moved_m = if parameter == 0 { by } else { 0.0 };
-                    shifted(error, parameter, by).score(error_m + moved_m).ln_density
+                    moved(by).score(error_m + moved_m).ln_density
                 };
                 let numeric = (at(step) - at(-step)) / (2.0 * step);
                 assert!((slope - numeric).abs() < 1e-4 * (1.0 + slope.abs()), "{parameter} at {error_m} m");

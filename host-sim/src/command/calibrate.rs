@@ -26,7 +26,7 @@ pub struct Options {
     #[arg(long)]
     no_truth: bool,
     /// Standard deviation per axis of the anchors' positions as told, metres; 0: they are exact.
-    #[arg(long, value_name = "M", default_value_t = 0.05, value_parser = metres_up_to_100)]
+    #[arg(long, value_name = "M", default_value_t = 0.0, value_parser = metres_up_to_100)]
     anchor_std_m: f64,
     /// Standard deviation of range biases beforehand, metres; without, the recording's (0.3 where it tells none).
     #[arg(long, value_name = "M", value_parser = metres_above_0)]
