@@ -10,6 +10,8 @@ use cogmint::recording::{
     Action, Anchor, Antenna, AssociationModel, Cycle, Frame, Motion, Radio, Range, Recording, Samples, Start,
 };
 use cogmint_core::radio::pulse::Pulse;
+use cogmint_tests::outcome::{json, refused, text};
+use cogmint_tests::{Folder, cogmint};
 use std::path::Path;
 
 /// Speed of light, metres per second.
@@ -211,11 +213,31 @@ fn with_truth_planted_biases_and_anchors_are_found_within_the_deviations_claimed
 
 #[test]
 fn without_truth_they_are_too() {
-    let claims = claims(1..31, 150, false, 1.0);
+    let claims = claims(1..31, 100, false, 1.0);
     for (what, claims) in ["biases", "positions", "mean errors"].into_iter().zip(&claims) {
         println!("{what}: {:?}", claims.figures());
         assert!(claims.are_honest(), "{what}: {:?}", claims.figures());
     }
+}
+
+/// One range a cycle, as radios that range in turn: a free way could pass through every range. The noise must not vanish.
+#[test]
+fn without_truth_and_with_one_range_a_cycle_the_noise_stays() {
+    let mut biases = Claims::default();
+    for seed in 101..107 {
+        let mut planted = planted(seed, 500, false);
+        for (index, cycle) in planted.recording.cycles.iter_mut().enumerate() {
+            cycle.ranges.retain(|range| range.anchor == index % ANCHORS.len());
+        }
+        let calibration = calibrated(&planted, &options(false));
+        for (anchor, truth_m) in calibration.anchors.iter().zip(&planted.biases_m) {
+            assert!((0.06..0.17).contains(&anchor.noise_std_m), "seed {seed}: {anchor:?}");
+            biases.add(anchor.range_bias_m, anchor.range_bias_std_m, *truth_m);
+        }
+    }
+    println!("biases: {:?}", biases.figures());
+    let (mean_square, _) = biases.figures();
+    assert!((0.3..2.0).contains(&mean_square), "{:?}", biases.figures());
 }
 
 /// The meter itself: of a calibration with the wrong sign it must not say that all is well.
@@ -375,4 +397,49 @@ fn an_applied_calibration_takes_bias_and_excess_out_of_the_ranges() {
     }
     let clutter = applied.association.clutter_per_anchor;
     assert!((0.002..0.05).contains(&clutter), "{clutter}");
+}
+
+/// The command on planted recordings in a folder of its own.
+#[test]
+fn the_command_writes_what_track_takes_and_refuses_what_it_cannot_use() {
+    let folder = Folder::new("calibrate");
+    let at = |name: &str| folder.path().join(name);
+    planted(4, 160, false).recording.write(at("r")).unwrap();
+    planted(5, 60, true).recording.write(at("body")).unwrap();
+    let run = |line: &str| cogmint(folder.path(), &line.split(' ').collect::<Vec<_>>());
+
+    let answer = json(&run("calibrate r --cycles odd --out c.toml --json"));
+    assert_eq!((&answer["cycles"], &answer["with_truth"]), (&"odd".into(), &true.into()));
+    assert_eq!(answer["anchors"].as_array().map(Vec::len), Some(ANCHORS.len()));
+    let table = text(&run("calibrate r --no-truth --anchor-std-m 0.1").stdout);
+    assert!(table.contains("the way estimated") && table.contains("What cannot be known"), "{table}");
+    assert!(
+        text(&run("calibrate r --format rust").stdout).contains("pub const RANGE_CORRECTION_M: [f32; 5]")
+    );
+    assert_eq!(text(&run("calibrate r --cycles odd --format toml").stdout).trim(), {
+        std::fs::read_to_string(at("c.toml")).unwrap().trim()
+    });
+
+    let rmse_m = |line: &str| {
+        let outcome = json(&run(&format!("{line} --score even --no-figure --json")));
+        assert_eq!((&outcome["cycles"], &outcome["scored"]), (&160.into(), &80.into()), "{outcome}");
+        outcome["rmse_m"].as_f64().unwrap()
+    };
+    let (without_m, with_m) = (rmse_m("track r"), rmse_m("track r --calibration c.toml"));
+    println!("even cycles, of odd ones: {without_m} m without, {with_m} m with");
+    assert!(with_m < 0.9 * without_m, "{with_m} of {without_m} m");
+    let several =
+        json(&run("experiment tracking --recording r --starts 2 --score even --calibration c.toml --json"));
+    assert!(several["scenarios"][0]["rmse_m"].as_f64().is_some_and(|m| m < 0.9 * without_m), "{several}");
+
+    refused(&run("track body --calibration c.toml --no-figure"), &["c.toml", "antennas", "front, back"]);
+    refused(&run("track r --calibration r/recording.toml --no-figure"), &["recording.toml"]);
+    refused(&run("track r --calibration nothing.toml"), &["nothing.toml"]);
+    refused(&run("track r --score 400.. --no-figure"), &["400..", "0 to 159"]);
+    refused(&run("calibrate r body"), &["body", "antennas", "together"]);
+    refused(&run("calibrate r --cycles 3..5"), &["10 ranges", "5 per anchor"]);
+    refused(&run("calibrate r --cycles half"), &["half", "FROM..TO"]);
+    refused(&run("calibrate r --anchor-std-m=-1"), &["--anchor-std-m"]);
+    refused(&run("calibrate r --out r/recording.toml"), &["part of a recording"]);
+    refused(&run("calibrate nothing"), &["nothing"]);
 }

@@ -149,11 +149,7 @@ impl Heard {
                 }
             }
         }
-        let has_range = |index: usize, anchor: usize| {
-            ranges.binary_search_by_key(&(index, anchor), |&(index, anchor, _)| (index, anchor)).is_ok()
-        };
-        let is_framed =
-            chosen().any(|(index, cycle)| cycle.frames.iter().any(|frame| !has_range(index, frame.anchor)));
+        let is_framed = chosen().any(|(_, cycle)| !cycle.frames.is_empty());
         // Where the radio ranges itself, its frames add nothing: they are on the axis of its ranges.
         if is_framed && ranges.is_empty() {
             one_range = false;
@@ -166,12 +162,8 @@ impl Heard {
             }
         }
         ranges.sort_by_key(|&(index, anchor, _)| (index, anchor));
-        Ok(Self { ranges, one_range: one_range && !ranges_are_missing(recording) })
+        Ok(Self { ranges, one_range })
     }
-}
-
-fn ranges_are_missing(recording: &Recording) -> bool {
-    recording.cycles.iter().all(|cycle| cycle.ranges.is_empty())
 }
 
 /// A recording as the batch takes it.

@@ -13,7 +13,7 @@ use std::f64::consts::{PI, SQRT_2};
 /// logit w, logit f.
 pub const PARAMETERS: usize = 5;
 /// Points of the information's integral over noise and excess.
-const POINTS: usize = 600;
+const POINTS: usize = 240;
 /// Step of numeric slopes, in logarithms and logits.
 const SLOPE_STEP: f64 = 1e-3;
 /// Below this the Gaussian tail is taken from its asymptotic series.
