@@ -229,7 +229,7 @@ impl Calibration {
         let mut radio =
             Radio { range_bias_mean_m: 0.0, range_bias_std_m: self.bias_std_m(), ..recording.radio };
         let mut actions = recording.actions;
-        if let Some(pulse) = &self.pulse {
+        if let Some(pulse) = self.pulse.as_ref().filter(|pulse| pulse.is_shape_known()) {
             radio.pulse_duration_s *= pulse.duration_factor;
             actions.iter_mut().for_each(|action| action.pulse_duration_s *= pulse.duration_factor);
             radio.roll_off = pulse.roll_off;
@@ -343,7 +343,7 @@ impl Calibration {
             number("`Config::association.detection_probability`.", "DETECTION_PROBABILITY", detected);
             number("`Config::association.clutter_per_anchor`.", "CLUTTER_PER_ANCHOR", clutter);
         }
-        if let Some(pulse) = &self.pulse {
+        if let Some(pulse) = self.pulse.as_ref().filter(|pulse| pulse.is_shape_known()) {
             number("Factor on the duration of every action's pulse.", "PULSE_FACTOR", pulse.duration_factor);
             number("Roll-off of the pulse.", "ROLL_OFF", pulse.roll_off);
         }

@@ -26,6 +26,9 @@ const LEAST_SAMPLES: usize = 4;
 const DELAY_STEP: f64 = 0.05;
 /// Frames that are needed to say anything.
 const LEAST_FRAMES: usize = 20;
+/// Largest deviations of a duration, as a share of it, and of a roll-off that count as known.
+const KNOWN_DURATION: f64 = 0.05;
+const KNOWN_ROLL_OFF: f64 = 0.1;
 /// Groups of the jackknife.
 const GROUPS: usize = 10;
 
@@ -62,6 +65,15 @@ pub struct PulseEstimate {
     /// Its standard deviation, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_offset_std_m: Option<f64>,
+}
+
+impl PulseEstimate {
+    /// Whether duration and roll-off are known well enough to be told: one that is off makes up for the other on a rising edge, and
+    /// not in what the channel estimator does with it.
+    pub fn is_shape_known(&self) -> bool {
+        self.duration_factor_std <= KNOWN_DURATION * self.duration_factor
+            && self.roll_off_std <= KNOWN_ROLL_OFF
+    }
 }
 
 /// The stretch of a frame about its first path.

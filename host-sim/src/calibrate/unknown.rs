@@ -114,8 +114,11 @@ pub(super) fn sentences(found: &Found<'_>, calibration: &Calibration) -> Vec<Str
         }
         None => said.push("The pulse: there are too few frames in which one path stands out.".into()),
         Some(pulse) => {
-            if pulse.roll_off_std > 0.2 {
-                said.push("The roll-off: the rising edges fit several.".into());
+            if !pulse.is_shape_known() {
+                said.push(
+                    "The pulse's duration and roll-off well enough: rising edges fit several, and the tracker keeps what it was told."
+                        .into(),
+                );
             }
             if pulse.peak_offset_m.is_none() {
                 said.push("The pulse's peak offset apart from the biases: the radio gives no ranges.".into());
