@@ -416,9 +416,8 @@ fn the_command_writes_what_track_takes_and_refuses_what_it_cannot_use() {
     assert!(
         text(&run("calibrate r --format rust").stdout).contains("pub const RANGE_CORRECTION_M: [f32; 5]")
     );
-    assert_eq!(text(&run("calibrate r --cycles odd --format toml").stdout).trim(), {
-        std::fs::read_to_string(at("c.toml")).unwrap().trim()
-    });
+    let printed = text(&run("calibrate r --cycles odd --format toml").stdout);
+    assert_eq!(printed.trim(), std::fs::read_to_string(at("c.toml")).unwrap().trim());
 
     let rmse_m = |line: &str| {
         let outcome = json(&run(&format!("{line} --score even --no-figure --json")));
