@@ -140,7 +140,7 @@ impl Prior {
     }
 
     /// Number of parameters.
-    pub fn len(&self) -> usize {
+    pub fn size(&self) -> usize {
         self.own(self.anchors(), 0)
     }
 
@@ -223,7 +223,7 @@ impl Free {
 
 /// Estimates the calibration; the runs' nodes become the estimated ways.
 pub fn estimate(prior: &Prior, runs: &mut [Run]) -> Option<Estimate> {
-    let mut parameters = DVector::zeros(prior.len());
+    let mut parameters = DVector::zeros(prior.size());
     for run in runs.iter_mut() {
         guess_headings(prior, &parameters, run);
     }
@@ -231,7 +231,7 @@ pub fn estimate(prior: &Prior, runs: &mut [Run]) -> Option<Estimate> {
     let mut converged = false;
     for _ in 0..MOST_STEPS {
         let (step, chains, _) = newton(prior, &parameters, runs)?;
-        let steepest = (prior.shape(0)..prior.len()).map(|place| step[place].abs()).fold(0.0, f64::max);
+        let steepest = (prior.shape(0)..prior.size()).map(|place| step[place].abs()).fold(0.0, f64::max);
         let mut scale = (LONGEST_LOG_STEP / steepest.max(1e-12)).min(1.0);
         let mut gain_nat = 0.0;
         for _ in 0..MOST_HALVINGS {
@@ -391,7 +391,7 @@ type Slope = (usize, [f64; PARAMETERS]);
 type Step = (DVector<f64>, Vec<Vec<DVector<f64>>>, DMatrix<f64>);
 
 fn newton(prior: &Prior, parameters: &DVector<f64>, runs: &[Run]) -> Option<Step> {
-    let size = prior.len();
+    let size = prior.size();
     let errors = errors(prior, parameters);
     let informations: Vec<_> = errors.iter().map(RangeError::information).collect();
     let widths: Vec<_> = errors.iter().map(RangeError::precision_slopes).collect();
@@ -571,7 +571,7 @@ fn motion_chain(prior: &Prior, free: Free, run: &Run) -> Chain {
     let mut chain = Chain {
         diagonal: vec![DMatrix::zeros(size, size); count],
         off: Vec::with_capacity(count),
-        border: vec![DMatrix::zeros(size, if size > 0 { prior.len() } else { 0 }); count],
+        border: vec![DMatrix::zeros(size, if size > 0 { prior.size() } else { 0 }); count],
         gradient: vec![DVector::zeros(size); count],
     };
     if size == 0 {

@@ -46,15 +46,14 @@ pub struct Options {
 /// A recording with the folder that it is from.
 pub type Source = (Recording, std::path::PathBuf);
 
+/// A first guess of where the tag was in every cycle of a recording in a folder, metres.
+pub type Way<'a> = dyn Fn(&Recording, &Path) -> Result<Vec<[f64; 2]>, InputError> + 'a;
+
 /// Calibrates. `way` is asked for a first guess of where the tag was in every cycle of a recording that has no truth.
 ///
 /// # Errors
 /// The recordings have different anchors or antennas, too little was measured, or `way` fails.
-pub fn calibrate(
-    sources: &[Source],
-    options: &Options,
-    way: &dyn Fn(&Recording, &Path) -> Result<Vec<[f64; 2]>, InputError>,
-) -> Result<Calibration, InputError> {
+pub fn calibrate(sources: &[Source], options: &Options, way: &Way<'_>) -> Result<Calibration, InputError> {
     let Some((first, folder)) = sources.first() else {
         return Err(InputError::new(".", "is no recording"));
     };
@@ -172,7 +171,7 @@ fn run(
     folder: &Path,
     options: &Options,
     heard: &Heard,
-    way: &dyn Fn(&Recording, &Path) -> Result<Vec<[f64; 2]>, InputError>,
+    way: &Way<'_>,
 ) -> Result<Run, InputError> {
     let is_true = has_truth(recording, options);
     let guessed = if is_true { Vec::new() } else { way(&chosen_alone(recording, options.cycles), folder)? };
@@ -339,7 +338,7 @@ impl Found<'_> {
     }
 
     fn difference_std_m(&self, antenna: usize) -> f64 {
-        let mut weights = DVector::zeros(self.prior.len());
+        let mut weights = DVector::zeros(self.prior.size());
         let free = self.first.antennas.len() - 1;
         for place in 0..free {
             weights[self.prior.contrast(place)] = match antenna < free {
@@ -356,7 +355,7 @@ impl Found<'_> {
         let at = |parameters: &DVector<f64>| {
             self.prior.bias_m(parameters, anchor) + self.prior.error(parameters, anchor).moments_m().0
         };
-        let slopes = (0..self.prior.len()).map(|place| {
+        let slopes = (0..self.prior.size()).map(|place| {
             let step = 1e-4 * self.prior.std(place);
             let moved = |by: f64| {
                 let mut moved = parameters.clone();
@@ -365,7 +364,7 @@ impl Found<'_> {
             };
             (moved(step) - moved(-step)) / (2.0 * step)
         });
-        self.std_along(&DVector::from_iterator(self.prior.len(), slopes))
+        self.std_along(&DVector::from_iterator(self.prior.size(), slopes))
     }
 
     /// Mean probability of the ranges that they are too long or false.

@@ -12,7 +12,7 @@ const TIED: f64 = 0.9;
 pub(super) fn sentences(found: &Found<'_>, calibration: &Calibration) -> Vec<String> {
     let mut said = Vec::new();
     let prior = found.prior;
-    let (size, anchors) = (prior.len(), prior.anchors_m.len());
+    let (size, anchors) = (prior.size(), prior.anchors_m.len());
     let heard: Vec<usize> = (0..anchors).filter(|anchor| found.counts[*anchor] > 0).collect();
     let unknown = |place: usize| found.std(place) > LEFT * prior.std(place);
     let names = |of: Vec<usize>| -> String {
