@@ -2,7 +2,7 @@
 //! of them, what errors of ranges look like, and the pulse.
 //!
 //! With a truth the way is known; without, it is estimated along with the calibration ([`batch`]). Everything comes with the
-//! deviation that the recording leaves, and what it leaves unknown is said. What a tracker is told of it is [`file`]'s matter.
+//! deviation that the recording leaves, and what it leaves unknown is said. What a tracker is told of it is [`mod@file`]'s matter.
 
 pub mod batch;
 pub mod file;
