@@ -2,7 +2,9 @@
 //! and figures.
 
 pub mod bound;
+pub mod calibrate;
 pub mod channel;
+pub mod cycle_choice;
 pub mod demo;
 pub mod estimate;
 pub mod estimate_table;

@@ -40,6 +40,8 @@ enum Command {
     Experiment(command::experiment::Experiment),
     /// Estimate the paths in the frames of recordings: first-path ranges beside the radio's own, residual energy.
     Estimate(command::estimate::Options),
+    /// Estimate range biases (antenna delays), anchors' positions, errors of ranges and the pulse from recordings.
+    Calibrate(command::calibrate::Options),
     /// Replay a recording through the core: table, figure, scores.
     Track(command::track::Options),
     /// Compare the core with the float reference, bit for bit.
@@ -81,6 +83,7 @@ fn main() -> ExitCode {
         Some(Command::Plot(subject)) => command::plot::run(&subject),
         Some(Command::Experiment(experiment)) => command::experiment::run(&experiment),
         Some(Command::Estimate(options)) => command::estimate::run(&options),
+        Some(Command::Calibrate(options)) => command::calibrate::run(&options),
         Some(Command::Track(options)) => command::track::run(&options),
         Some(Command::Verify(options)) => command::verify::run(&options),
         Some(Command::Thin(options)) => command::thin::run(&options),

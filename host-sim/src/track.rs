@@ -85,6 +85,15 @@ pub fn track(
     track_setup(&Setup::new(recording, file, seed)?, recording, file, on_cycle)
 }
 
+/// Where the tracker puts the tag in every cycle, metres, from the start's mean on.
+///
+/// # Errors
+/// As [`track`].
+pub fn way(recording: &Recording, file: &Path) -> Result<Vec<[f64; 2]>, InputError> {
+    let run = track(recording, file, None, || {})?;
+    Ok(run.estimates.iter().map(|estimate| estimate.position_m).collect())
+}
+
 /// [`track`] with a set-up of one's own.
 ///
 /// # Errors

@@ -7,7 +7,7 @@ use std::process::Command;
 /// Every `cogmint` command as the README writes it, and what is run for it in a folder that holds a scenario
 /// `room.toml`, a recording `r` and the ranges of [`write_inputs`]. `DATA` stands for the recordings that nobody here made:
 /// without them, such a line is left out.
-const COMMANDS: [(&str, &[&str]); 34] = [
+const COMMANDS: [(&str, &[&str]); 36] = [
     ("cogmint", &["--cycles 20"]),
     (
         "cogmint scenario list",
@@ -48,8 +48,22 @@ const COMMANDS: [(&str, &[&str]); 34] = [
     ),
     ("cogmint experiment walls [--runs N] [--seed S]", &["experiment walls --runs 1 --seed 3"]),
     (
-        "cogmint track DIR [--seed N] [--variant NAME] [--table FILE] [--no-figure] [--json]",
-        &["track r --seed 3 --variant direct --table t.csv --no-figure --json"],
+        "cogmint calibrate DIR... [--out FILE] [--cycles CHOICE] [--no-truth] [--anchor-std-m M] [--format table\\|toml\\|rust]",
+        &[
+            "calibrate r --out c.toml --cycles odd",
+            "calibrate r --no-truth --anchor-std-m 0.05 --format rust",
+        ],
+    ),
+    (
+        "cogmint experiment tracking --recording DIR/tag-10 --starts 20 --score even [--calibration FILE]",
+        &["experiment tracking --recording r --starts 1 --score even --calibration c.toml"],
+    ),
+    (
+        "cogmint track DIR [--seed N] [--variant NAME] [--calibration FILE] [--score CHOICE] [--table FILE] [--no-figure] [--json]",
+        &[
+            "track r --seed 3 --variant direct --table t.csv --no-figure --json",
+            "track r --calibration c.toml --score even --no-figure",
+        ],
     ),
     ("cogmint track DIR", &["track r"]),
     ("cogmint estimate DIR...", &["estimate r r"]),

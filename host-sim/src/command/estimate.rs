@@ -1,6 +1,8 @@
 //! `cogmint estimate`: the frames of recordings through the channel estimator.
 
-use super::{OUTPUT_FOLDER, check_writable, metres, print, print_json, progress, write_picture};
+use super::{
+    OUTPUT_FOLDER, check_writable, metres, print, print_json, progress, recordings_in, write_picture,
+};
 use crate::Failure;
 use clap::builder::RangedU64ValueParser;
 use cogmint::estimate::link::{AgainstTruth, Link, links};
@@ -8,8 +10,7 @@ use cogmint::estimate::spread::Spread;
 use cogmint::estimate::summary::{Share, Summary, summaries};
 use cogmint::estimate::truth::Tally;
 use cogmint::estimate::{EstimatedFrame, count, estimate};
-use cogmint::input_error::InputError;
-use cogmint::recording::{META_FILE, Recording};
+use cogmint::recording::Recording;
 use cogmint::view;
 use cogmint::whole_file;
 use serde::Serialize;
@@ -120,29 +121,6 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     summaries.iter().for_each(print_summary);
     print(&format!("\nFigure: {}", figure[1].display()));
     Ok(())
-}
-
-/// The folders themselves where they are recordings, else the recordings in them.
-fn recordings_in(folders: &[PathBuf]) -> Result<Vec<PathBuf>, InputError> {
-    let mut found = Vec::new();
-    for folder in folders {
-        if folder.join(META_FILE).is_file() {
-            found.push(folder.clone());
-            continue;
-        }
-        let mut inside: Vec<PathBuf> = std::fs::read_dir(folder)
-            .map_err(|_| InputError::new(folder, "is not a folder with a recording"))?
-            .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-            .filter(|path| path.join(META_FILE).is_file())
-            .collect();
-        if inside.is_empty() {
-            return Err(InputError::new(folder, "is not a folder with a recording or with folders of them"));
-        }
-        // `link_5` comes before `link_10`.
-        inside.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
-        found.append(&mut inside);
-    }
-    Ok(found)
 }
 
 fn percent(share: Option<f64>) -> String {

@@ -1,5 +1,6 @@
 //! The command's subcommands: each parses its options, calls the library, prints.
 
+pub mod calibrate;
 pub mod demo;
 pub mod estimate;
 pub mod experiment;
@@ -15,9 +16,11 @@ pub mod verify;
 
 use crate::Failure;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use cogmint::calibrate::file::Calibration;
+use cogmint::cycle_choice::CycleChoice;
 use cogmint::input_error::InputError;
 use cogmint::plot::Picture;
-use cogmint::recording::Recording;
+use cogmint::recording::{META_FILE, Recording};
 use cogmint::replay::TrackerVariant;
 use cogmint::whole_file;
 use cogmint_core::Variant;
@@ -121,6 +124,43 @@ fn recording_or_room(
             Ok((run.recording, PathBuf::from("the seminar room")))
         }
     }
+}
+
+/// A recording as the tracker is told it: with a calibration where one is given, and the truth of the cycles to be scored.
+fn told_recording(
+    folder: &Path,
+    calibration: Option<&Path>,
+    scored: CycleChoice,
+) -> Result<Recording, InputError> {
+    let recording = Recording::read(folder)?;
+    let recording = match calibration {
+        Some(path) => Calibration::read(path)?.applied(recording, path)?,
+        None => recording,
+    };
+    if scored == CycleChoice::All { Ok(recording) } else { scored.scored(recording, folder) }
+}
+
+/// The folders themselves where they are recordings, else the recordings in them.
+fn recordings_in(folders: &[PathBuf]) -> Result<Vec<PathBuf>, InputError> {
+    let mut found = Vec::new();
+    for folder in folders {
+        if folder.join(META_FILE).is_file() {
+            found.push(folder.clone());
+            continue;
+        }
+        let mut inside: Vec<PathBuf> = std::fs::read_dir(folder)
+            .map_err(|_| InputError::new(folder, "is not a folder with a recording"))?
+            .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+            .filter(|path| path.join(META_FILE).is_file())
+            .collect();
+        if inside.is_empty() {
+            return Err(InputError::new(folder, "is not a folder with a recording or with folders of them"));
+        }
+        // `link_5` comes before `link_10`.
+        inside.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+        found.append(&mut inside);
+    }
+    Ok(found)
 }
 
 /// A length in metres for a table, or a dash.

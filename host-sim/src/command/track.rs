@@ -1,11 +1,12 @@
 //! `cogmint track`: a recording through the core.
 
 use super::{
-    OUTPUT_FOLDER, check_writable, metres, print, print_json, progress, tracker_variants, write_picture,
+    OUTPUT_FOLDER, check_writable, metres, print, print_json, progress, told_recording, tracker_variants,
+    write_picture,
 };
 use crate::Failure;
+use cogmint::cycle_choice::CycleChoice;
 use cogmint::estimate_table::{self, Format};
-use cogmint::recording::Recording;
 use cogmint::replay::{PATHS, Setup, TrackerVariant};
 use cogmint::score::Score;
 use cogmint::score::consistency::Consistency;
@@ -32,6 +33,12 @@ pub struct Options {
     /// Write the estimate of every cycle as a table, CSV or NPZ by the extension (docs/estimate-table.md).
     #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
+    /// What `cogmint calibrate` wrote: the recording is tracked as it is with it.
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
+    /// Score these cycles alone, counted from 0: odd, even, all, or FROM..TO without TO itself. All are tracked.
+    #[arg(long, value_name = "CHOICE", default_value = "all")]
+    score: CycleChoice,
     /// Where the figure goes, without extension.
     #[arg(long, value_name = "PATH")]
     plot: Option<PathBuf>,
@@ -54,6 +61,8 @@ fn lag_s(text: &str) -> Result<f64, String> {
 struct Outcome<'a> {
     recording: &'a str,
     variant: &'static str,
+    calibration: &'a Option<PathBuf>,
+    cycles_scored: CycleChoice,
     #[serde(flatten)]
     score: &'a Score,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -79,7 +88,7 @@ struct Outcome<'a> {
 
 pub fn run(options: &Options) -> Result<(), Failure> {
     let folder = &options.folder;
-    let recording = Recording::read(folder)?;
+    let recording = told_recording(folder, options.calibration.as_deref(), options.score)?;
     let format = options.table.as_deref().map(Format::of).transpose()?;
     let setup = Setup::new(&recording, folder, options.seed)?.with_variant(options.variant, folder)?;
     options.table.as_deref().map(check_writable).transpose()?;
@@ -101,6 +110,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         return print_json(&Outcome {
             recording: &recording.name,
             variant: options.variant.name(),
+            calibration: &options.calibration,
+            cycles_scored: options.score,
             score,
             lag_s: options.lag,
             rmse_lag_m: lagged.and_then(|lagged| lagged.rmse_m),
@@ -123,6 +134,12 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let (cycles, anchors) = (score.cycles, recording.anchors.len());
     let variant = options.variant.name();
     print(&format!("{}: {cycles} cycles, {anchors} anchors, {variant} variant.", recording.name));
+    if let Some(calibration) = &options.calibration {
+        print(&format!("calibrated with {}", calibration.display()));
+    }
+    if options.score != CycleChoice::All {
+        print(&format!("scored in {} of them ({})", score.scored, options.score));
+    }
     print("\n  RMSE m  median m   90 % m   95 % m    max m  diverged  us/cycle");
     print(&format!(
         "{:>8} {:>9} {:>8} {:>8} {:>8} {:>9} {:>9.1}",

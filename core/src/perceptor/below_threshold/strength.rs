@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn likelihoods_are_those_of_exponential_distributions() {
-        let likelihoods = Likelihoods::new(THRESHOLD);
+        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
         for energy in [0, 1, 15, 16, 37, 136, 254] {
             let z = f64::from(energy) / 16.0;
             for (class, ratio) in likelihoods.of(energy).into_iter().enumerate() {
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn without_a_path_its_likelihood_is_one_on_average_whatever_the_background() {
-        let likelihoods = Likelihoods::new(THRESHOLD);
+        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
         let quiet = Background { noise: 1.0, paths: [0.0; CLASSES] };
         let busy = Background { noise: 0.5, paths: [0.2, 0.15, 0.1, 0.03, 0.02] };
         for background in [quiet, Background::USUAL, busy] {
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn a_busy_background_takes_an_energy_for_less() {
-        let likelihoods = Likelihoods::new(THRESHOLD);
+        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
         let strength = Strength::about(2.5, 1.0, &likelihoods);
         let ratio = |noise: f32| {
             let busy = Background { noise, paths: [(1.0 - noise) / CLASSES as f32; CLASSES] };
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn the_background_learns_what_there_is() {
-        let likelihoods = Likelihoods::new(THRESHOLD);
+        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
         let truth = Background { noise: 0.7, paths: [0.0, 0.3, 0.0, 0.0, 0.0] };
         let mut own = Background::USUAL;
         for _ in 0..400 {

@@ -1,14 +1,14 @@
 //! `cogmint experiment tracking`: the whole tracker over named scenarios, or over a recording from many starts.
 
-use super::super::{metres, progress_of, tracker_variants};
+use super::super::{metres, progress_of, told_recording, tracker_variants};
 use super::{percent, print, print_json};
 use crate::Failure;
 use clap::builder::{PossibleValue, PossibleValuesParser};
+use cogmint::cycle_choice::CycleChoice;
 use cogmint::experiment::tracking::figures::Figures;
 use cogmint::experiment::tracking::target::{TARGETS, Verdict};
 use cogmint::experiment::tracking::{cases, run_recording};
 use cogmint::input_error::InputError;
-use cogmint::recording::Recording;
 use cogmint::replay::TrackerVariant;
 use cogmint_core::Variant;
 use std::path::PathBuf;
@@ -30,6 +30,12 @@ pub struct Options {
     /// Starts to draw within the recording's prior, one run each.
     #[arg(long, requires = "recording", conflicts_with = "runs", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     starts: Option<u32>,
+    /// What `cogmint calibrate` wrote: the recording is tracked as it is with it.
+    #[arg(long, value_name = "FILE", requires = "recording")]
+    calibration: Option<PathBuf>,
+    /// Score these cycles of the recording alone, counted from 0: odd, even, all, or FROM..TO without TO itself.
+    #[arg(long, value_name = "CHOICE", requires = "recording")]
+    score: Option<CycleChoice>,
     /// Variants of the tracker to compare, separated by commas; conventional needs scenarios with a floor plan.
     #[arg(long, value_delimiter = ',', value_name = "NAME", default_value = "soft", value_parser = tracker_variants())]
     variant: Vec<TrackerVariant>,
@@ -57,7 +63,8 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let seeds: Vec<u64> = (0..u64::from(runs)).map(|run| options.seed.wrapping_add(run)).collect();
     let scenarios = match &options.recording {
         Some(folder) => {
-            let recording = Recording::read(folder)?;
+            let scored = options.score.unwrap_or_default();
+            let recording = told_recording(folder, options.calibration.as_deref(), scored)?;
             let bar = progress_of(variants.len() * seeds.len(), "tracking", "runs");
             let figures: Result<Vec<_>, _> = variants
                 .iter()
