@@ -2,6 +2,8 @@
 //! beyond the memory of the exact solution.
 
 use cogmint::reference::association as twin;
+use cogmint::reference::lateness;
+use cogmint_core::model::lateness::Lateness;
 use cogmint_core::model::measurement::{Clutter, Measurement};
 use cogmint_core::perceptor::association::background::Background;
 use cogmint_core::perceptor::association::{Joint, associate};
@@ -28,11 +30,15 @@ fn core_and_twin_agree_in_every_bit() {
             variance_m2: deviation_m * deviation_m * uniform(),
             existence,
             detection: 0.5 + 0.49 * uniform(),
+            lateness: Lateness::NONE,
         };
-        let direct = expectation(1.0);
+        let mut direct = expectation(1.0);
         let mut virtual_anchors: Vec<Expectation, VAS> = Vec::new();
         for k in 0..features {
             virtual_anchors.push(expectation(k as f32 / features as f32)).unwrap();
+        }
+        if problem % 3 == 0 {
+            direct.lateness = Lateness { share: uniform(), mean_m: 0.01 + uniform() };
         }
         let mut scan: Vec<Measurement, PATHS> = Vec::new();
         for _ in 0..measurements {
@@ -54,6 +60,7 @@ fn core_and_twin_agree_in_every_bit() {
             variance_m2: feature.variance_m2,
             existence: feature.existence,
             detection: feature.detection,
+            lateness: lateness::Lateness { share: feature.lateness.share, mean_m: feature.lateness.mean_m },
         };
         let features: std::vec::Vec<_> =
             std::iter::once(&direct).chain(&virtual_anchors).map(plain).collect();
