@@ -20,6 +20,8 @@ pub const FORMAT: u32 = 1;
 const SAME_M: f64 = 1e-3;
 /// Guard: the shortest range that is left of one that was shorter than its bias, metres.
 const SHORTEST_M: f64 = 1e-3;
+/// The largest excess that a recording may tell of, metres.
+const LARGEST_EXCESS_M: f64 = 100.0;
 /// The least deviation of a bias that the tracker estimates, metres: below, it estimates none.
 const LEAST_BIAS_STD_M: f64 = 1e-3;
 
@@ -192,24 +194,15 @@ impl Calibration {
             of.map_or(0.0, |antenna| antenna.difference_m)
         };
         let offset_m = self.pulse.as_ref().and_then(|pulse| pulse.peak_offset_m).unwrap_or(0.0);
-        // The tracker follows the body's centre: an antenna on an arm is beside it by a part of its arm.
-        let arm2_m2 = |antenna: Option<usize>| {
-            let arm_m = antenna.and_then(|antenna| recording.antennas.get(antenna)?.lever_arm_m);
-            arm_m.map_or(0.0, |[x, y]| 0.5 * (x * x + y * y))
-        };
         let mut cycles = recording.cycles;
         for cycle in &mut cycles {
-            let (difference_m, arm2_m2) = (difference_m(cycle.antenna), arm2_m2(cycle.antenna));
+            let difference_m = difference_m(cycle.antenna);
             for range in &mut cycle.ranges {
                 let anchor = &self.anchors[range.anchor];
-                let longer_m = match self.errors.are_first_paths {
-                    true => anchor.mean_error_m,
-                    false => anchor.range_bias_m,
-                };
-                range.range_m = (range.range_m - longer_m - difference_m).max(SHORTEST_M);
+                range.range_m = (range.range_m - anchor.range_bias_m - difference_m).max(SHORTEST_M);
                 // What a radio says of a single range is left as it is.
                 if self.errors.are_first_paths && range.std_m.is_none() {
-                    range.std_m = Some((anchor.error_std_m * anchor.error_std_m + arm2_m2).sqrt());
+                    range.std_m = Some(anchor.noise_std_m);
                 }
             }
             for frame in &mut cycle.frames {
@@ -229,6 +222,9 @@ impl Calibration {
         let mut radio =
             Radio { range_bias_mean_m: 0.0, range_bias_std_m: self.bias_std_m(), ..recording.radio };
         let mut actions = recording.actions;
+        if self.errors.are_first_paths {
+            radio.range_late_m = self.errors.excess_m.clamp(0.0, LARGEST_EXCESS_M);
+        }
         if let Some(pulse) = self.pulse.as_ref().filter(|pulse| pulse.is_shape_known()) {
             radio.pulse_duration_s *= pulse.duration_factor;
             actions.iter_mut().for_each(|action| action.pulse_duration_s *= pulse.duration_factor);
@@ -240,10 +236,7 @@ impl Calibration {
 
     /// What is left of the anchors' bias, root mean square, metres; 0 where it is too little to be estimated.
     pub fn bias_std_m(&self) -> f64 {
-        let squares = self.anchors.iter().map(|anchor| match self.errors.are_first_paths {
-            true => anchor.mean_error_std_m.powi(2),
-            false => anchor.range_bias_std_m.powi(2),
-        });
+        let squares = self.anchors.iter().map(|anchor| anchor.range_bias_std_m.powi(2));
         let std_m = (squares.sum::<f64>() / self.anchors.len().max(1) as f64).sqrt();
         if std_m < LEAST_BIAS_STD_M { 0.0 } else { std_m }
     }
@@ -309,7 +302,7 @@ impl Calibration {
         };
         let are_first_paths = self.errors.are_first_paths;
         table("To be subtracted from every range of an anchor, metres.", "RANGE_CORRECTION_M", &|anchor| {
-            if are_first_paths { anchor.mean_error_m } else { anchor.range_bias_m }
+            anchor.range_bias_m
         });
         table(
             "To be subtracted from the first sample's delay of every frame of an anchor, as a length in metres.",
@@ -318,7 +311,7 @@ impl Calibration {
         );
         if are_first_paths {
             table("Variance of an anchor's range, square metres.", "RANGE_VARIANCE_M2", &|anchor| {
-                anchor.error_std_m * anchor.error_std_m
+                anchor.noise_std_m * anchor.noise_std_m
             });
         }
         if !self.antennas.is_empty() {
@@ -342,6 +335,8 @@ impl Calibration {
                 ((1.0 - self.errors.false_share).clamp(0.01, 0.999), self.errors.false_share.max(1e-3));
             number("`Config::association.detection_probability`.", "DETECTION_PROBABILITY", detected);
             number("`Config::association.clutter_per_anchor`.", "CLUTTER_PER_ANCHOR", clutter);
+            let late_m = self.errors.excess_m.clamp(0.0, LARGEST_EXCESS_M);
+            number("`Config::ranging.late_m`.", "LATE_M", late_m);
         }
         if let Some(pulse) = self.pulse.as_ref().filter(|pulse| pulse.is_shape_known()) {
             number("Factor on the duration of every action's pulse.", "PULSE_FACTOR", pulse.duration_factor);

@@ -142,7 +142,7 @@ fn recording_of(
         source,
         // A drone hovers and turns: in-sample, on random_1.
         motion: Motion {
-            acceleration_density_m2_s3: Some(0.25),
+            acceleration_density_m2_s3: Some(0.15),
             velocity_decay_s: Some(1.5),
             ..Motion::default()
         },
@@ -155,7 +155,8 @@ fn recording_of(
         },
         association: AssociationModel {
             detection_probability: 0.95,
-            clutter_per_anchor: 0.1,
+            // A radio that ranges rarely measures something else.
+            clutter_per_anchor: 0.02,
             max_range_m: 30.0,
         },
         radio: Radio {
@@ -165,7 +166,7 @@ fn recording_of(
             gain_control: true,
             sample_spacing_s: Some(DW1000_SAMPLE_SPACING_S),
             // In-sample, on random_1: ranges on time, and those that the body or the room blocks.
-            range_std_m: 0.1,
+            range_std_m: 0.07,
             range_bias_mean_m: 0.0,
             // The antenna delay is unknown.
             range_bias_std_m: 0.15,
