@@ -25,7 +25,7 @@ const fn block(path: &'static str, states: &'static [&'static str]) -> Block {
 pub const BASE: [&str; 5] = ["real", "trace", "error", "radio", "model"];
 
 /// The blocks in the order of the cycle.
-pub const BLOCKS: [Block; 18] = [
+pub const BLOCKS: [Block; 20] = [
     block("perceptor/channel_estimator", &["ChannelEstimator"]),
     block("perceptor/gain_control", &["GainControl"]),
     block("perceptor/scan", &[]),
@@ -35,10 +35,12 @@ pub const BLOCKS: [Block; 18] = [
     block("perceptor/state_filter", &["StateFilter"]),
     block("perceptor/below_threshold", &[]),
     block("perceptor/belief", &["TagBelief"]),
+    block("perceptor/smoother", &["FixedLag"]),
     block("memory/environment", &["EnvironmentMemory"]),
     block("memory/transmission", &["TransmissionMemory"]),
     block("memory/discovery", &["Discovery"]),
     block("memory/clutter", &["ClutterMemory"]),
+    block("memory/lateness", &["LatenessMemory"]),
     block("memory/channel", &["ChannelMemory"]),
     block("information", &[]),
     block("controller", &["Controllers", "Controller", "ActionValues"]),
@@ -58,7 +60,7 @@ const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
 /// What the crate's root exports again: no block may take the whole by that way.
 const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
 /// What may change the whole tracker.
-const ENTRIES: [&str; 10] = [
+const ENTRIES: [&str; 11] = [
     "begin",
     "cycle",
     "cycle_observed",
@@ -67,6 +69,7 @@ const ENTRIES: [&str; 10] = [
     "receive",
     "receive_observed",
     "restrict",
+    "switch_antenna",
     "tell",
     "tell_channel",
 ];

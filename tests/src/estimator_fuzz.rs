@@ -393,7 +393,7 @@ pub fn batch(number: u64) -> Tally {
                     Shape::Ramp => magnitudes.is_some(),
                     _ => false,
                 };
-                if second.is_none() && featureless && estimator.threshold() > 3.0 {
+                if second.is_none() && featureless && estimator.threshold(&Samples::Magnitude(&[])) > 3.0 {
                     assert!(estimate.paths.is_empty(), "{name}: {:?}", estimate.paths);
                 }
             }

@@ -64,8 +64,8 @@ fn energies(
 }
 
 /// The background that these energies teach, and the mean of a path's likelihood over them, before and after.
-fn mean_ratios(energies: &[u8]) -> [f64; 2] {
-    let likelihoods = Likelihoods::new(estimator().threshold());
+fn mean_ratios(energies: &[u8], samples: &Samples<'_>) -> [f64; 2] {
+    let likelihoods = Likelihoods::new(estimator().threshold(samples));
     let mut learnt = Background::USUAL;
     for batch in energies.chunks(50).cycle().take(4000) {
         let mut mean = Background { noise: 0.0, paths: [0.0; CLASSES] };
@@ -91,7 +91,8 @@ fn where_there_is_no_path_its_likelihood_is_one_on_average() {
     for is_complex in [true, false] {
         for dense in [None, Some(dense)] {
             let energies = energies(600, &[], dense, is_complex, |_| true);
-            let [_, learnt] = mean_ratios(&energies);
+            let of = if is_complex { Samples::Complex(&[]) } else { Samples::Magnitude(&[]) };
+            let [_, learnt] = mean_ratios(&energies, &of);
             println!("complex {is_complex}, dense multipath {}: {learnt}", dense.is_some());
             assert!((learnt - 1.0).abs() < 0.02, "complex {is_complex}, {dense:?}: {learnt}");
         }
@@ -104,7 +105,7 @@ fn what_is_in_no_map_flattens_the_likelihood() {
     // One in three of the places looked at has a path of 4 dB, which is hardly ever found.
     let paths: Vec<TruePath> = (1..33).map(|k| path(3.0 * f64::from(k) + 0.13, 1.6)).collect();
     let energies = energies(300, &paths, None, true, |_| true);
-    let [noise, learnt] = mean_ratios(&energies);
+    let [noise, learnt] = mean_ratios(&energies, &Samples::Complex(&[]));
     println!("as in noise {noise}, as learnt {learnt}");
     assert!(noise > 1.5, "the planted paths must show: {noise}");
     assert!((learnt - 1.0).abs() < 0.02, "{learnt}");
@@ -112,7 +113,7 @@ fn what_is_in_no_map_flattens_the_likelihood() {
 
 #[test]
 fn a_path_below_the_threshold_is_seen_where_it_is() {
-    let own = Likelihoods::new(estimator().threshold());
+    let own = Likelihoods::new(estimator().threshold(&Samples::Complex(&[])));
     let strength = Strength::about(2.0, 1.0, &own);
     let weak = path(50.13, 2.3);
     let mean_nat = |at_s: f64| {

@@ -24,8 +24,10 @@ pub struct Regression {
     pub range_m: f32,
     /// Slope g of the range over the tag's position.
     pub slope: [f32; 2],
-    /// Its slopes over the numbers of the surfaces that reflect the path, and over the heading.
-    pub surfaces: [SurfaceSlope; 3],
+    /// Its slopes over the numbers of the surfaces that reflect the path.
+    pub surfaces: [SurfaceSlope; 2],
+    /// Its slope over the numbers of the heading; 0 where it does not depend on it.
+    pub heading: [f32; 2],
     /// Part of the range's variance that the line does not explain, square metres.
     pub residual_m2: f32,
     /// Part that it does: g' C_d g and the bias, square metres.

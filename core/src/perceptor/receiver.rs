@@ -7,7 +7,9 @@ use super::scan::{FrameLevel, Scan};
 use crate::error::Error;
 use crate::model::detection::Evidence;
 use crate::model::measurement::{Measurement, Ranging};
-use crate::model::observation::{Frame, FrameRules, Observation, RangeScan, check_frame, check_scan};
+use crate::model::observation::{
+    Frame, FrameRules, Observation, RangeScan, Samples, check_frame, check_scan,
+};
 use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
@@ -77,7 +79,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         leaves: bool,
     ) -> Self {
         let estimator = build_estimator(&radio, estimator_settings, pulse);
-        let threshold = estimator.threshold();
+        let threshold = estimator.threshold(&Samples::Complex(&[]));
         Self {
             radio,
             estimator_settings,
@@ -223,7 +225,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
             first_sample_delay_s: frame.first_sample_delay_s,
             sample_spacing_s: radio.sample_spacing_s,
             elapsed_s,
-            threshold: estimator.threshold(),
+            threshold: estimator.threshold(&frame.samples),
             resolution_m: pulse_m,
             alike_m2: ranging.alike_m2(pulse_m, elapsed_s),
         });

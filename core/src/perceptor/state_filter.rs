@@ -800,9 +800,9 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mut distance = [agent.x - position_m.x, agent.y - position_m.y];
         let [ahead, left] = sight.lever_arm_m;
         let heading = if ahead == 0.0 && left == 0.0 { None } else { self.heading_slot() };
-        // Where the antenna is from the centre: linear in the heading.
-        let arm = Matrix2::new(ahead, -left, left, ahead);
         if let Some(slot) = heading {
+            // Where the antenna is from the centre: linear in the heading.
+            let arm = Matrix2::new(ahead, -left, left, ahead);
             let u = self.mean.surfaces.get(slot)?;
             let [dx, dy] = distance;
             distance = [dx + (ahead * u.x - left * u.y), dy + (left * u.x + ahead * u.y)];
@@ -842,11 +842,11 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             source,
             range_m: line.range_m + bias,
             slope: line.slope,
-            surfaces: [
-                over(first, d1),
-                over(second, d2),
-                SurfaceSlope { surface: heading, slope: [gx * ahead + gy * left, gy * ahead - gx * left] },
-            ],
+            surfaces: [over(first, d1), over(second, d2)],
+            heading: match heading {
+                Some(_) => [gx * ahead + gy * left, gy * ahead - gx * left],
+                None => [0.0; 2],
+            },
             residual_m2: line.residual_m2,
             explained_m2,
         })
@@ -937,6 +937,9 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let c = &self.covariance;
         let [gx, gy] = regression.slope;
         let anchor = regression.source.anchor();
+        let heading = if regression.heading == [0.0; 2] { None } else { self.heading_slot() };
+        let heading = heading.map(|slot| SurfaceSlope { surface: Some(slot), slope: regression.heading });
+        let parts = regression.surfaces.iter().chain(heading.as_ref());
         let xx = &c.xx;
         let mut agent = Vector4::new(
             gx * xx.m11 + gy * xx.m21,
@@ -953,7 +956,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             }
         }
         let mut shift = gx * (self.mean.agent.x - prior.agent.x) + gy * (self.mean.agent.y - prior.agent.y);
-        for SurfaceSlope { surface, slope: [hx, hy] } in &regression.surfaces {
+        for SurfaceSlope { surface, slope: [hx, hy] } in parts.clone() {
             let Some(slot) = *surface else { continue };
             let xs = c.xs.get(slot)?;
             agent.x += hx * xs.m11 + hy * xs.m12;
@@ -974,7 +977,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             for ((w, xb), row) in bias_m.iter_mut().zip(&c.xb).zip(&c.bb) {
                 *w = gx * xb.x + gy * xb.y + row.get(anchor)?;
             }
-            for SurfaceSlope { surface, slope: [hx, hy] } in &regression.surfaces {
+            for SurfaceSlope { surface, slope: [hx, hy] } in parts.clone() {
                 let Some(slot) = *surface else { continue };
                 for (w, bs) in bias_m.iter_mut().zip(c.bs.get(slot)?) {
                     *w += hx * bs.x + hy * bs.y;
@@ -990,7 +993,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             shift += self.mean.bias_m.get(anchor)? - prior.bias_m.get(anchor)?;
         }
         let mut explained = gx * agent.x + gy * agent.y;
-        for SurfaceSlope { surface, slope: [hx, hy] } in &regression.surfaces {
+        for SurfaceSlope { surface, slope: [hx, hy] } in parts.clone() {
             let Some(slot) = *surface else { continue };
             let w = surfaces.get(slot)?;
             explained += hx * w.x + hy * w.y;

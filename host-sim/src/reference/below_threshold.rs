@@ -11,7 +11,7 @@ use super::channel_estimator::Residual;
 use super::known::Expected;
 use super::real::{Real, abs, exp, larger, limited, ln, smaller, sqrt, square};
 use super::state_filter::{Reading, StateFilter};
-use cogmint_core::perceptor::below_threshold::strength::{self, AT_POINTS, CLASSES, FIRST_LN, STEP_LN};
+use cogmint_core::perceptor::below_threshold::strength::{self, CLASSES, FIRST_LN, STEP_LN};
 use cogmint_core::perceptor::below_threshold::{
     APART_PULSES, LEAST_CHANGE, LEAST_PRESENCE, LEAST_RATIO, NODE_STD, NODE_SUMS, NODES, SEEN_STEPS,
     UNSEEN_STEPS, VARIANCE_LEFT,
@@ -54,7 +54,6 @@ struct Classes<T> {
 
 impl<T: Real> Classes<T> {
     fn new(threshold: T) -> Self {
-        let threshold = T::of(AT_POINTS) * threshold;
         let sinr = |class: usize| exp(T::of(FIRST_LN) + T::of(STEP_LN) * T::of_count(class));
         let shares: Vec<T> = (0..CLASSES).map(|class| T::ONE / (T::ONE + sinr(class))).collect();
         let missed = shares.iter().map(|share| T::ONE - exp(-threshold * *share)).collect();

@@ -9,7 +9,7 @@ use super::real::{Real, abs, exp_m1, larger, smaller, speed_of_light, square};
 use cogmint_core::Config;
 use cogmint_core::config::{Radio, Ranging};
 use cogmint_core::model::measurement::LEAST_APART;
-use cogmint_core::model::observation::{Frame, Observation, RangeScan};
+use cogmint_core::model::observation::{Frame, Observation, RangeScan, Samples};
 use cogmint_core::perceptor::channel_estimator::EstimatorSettings;
 use cogmint_core::perceptor::scan::ARTEFACT_RATIO;
 
@@ -121,7 +121,7 @@ impl<T: Real> Receiver<T> {
             last_sequence: vec![None; anchors],
             silent_s: vec![[T::ZERO; 2]; anchors],
         };
-        receiver.threshold = receiver.estimator(first).threshold();
+        receiver.threshold = receiver.estimator(first).threshold(&Samples::Complex(&[]));
         receiver
     }
 
@@ -222,7 +222,7 @@ impl<T: Real> Receiver<T> {
         let first_sample_delay_s = T::of(frame.first_sample_delay_s);
         let estimator = self.estimator(pulse);
         let estimate = estimator.estimate(frame.samples, first_sample_delay_s);
-        let threshold = estimator.threshold();
+        let threshold = estimator.threshold(&frame.samples);
         let longest_m = T::of(self.ranging.max_range_m);
         let estimator = self.estimator(pulse);
         let mut residual = estimator.residual(frame.samples, first_sample_delay_s, &estimate, longest_m);

@@ -19,10 +19,6 @@ pub const STEP_LN: f32 = 1.726_939;
 /// Mathematics: digits of an energy in sixteenths, as two hexadecimal ones.
 const DIGITS: usize = 16;
 
-/// Mathematics: share of the threshold that what is left at the points stays below: what is found between them by more is gone.
-/// Fitted to simulated frames of noise, with and without dense multipath.
-pub const AT_POINTS: f32 = 0.85;
-
 /// T_s(z) / P_s of every class of SINR s, by energies in steps of [`crate::perceptor::channel_estimator::residual::STEPS`].
 #[derive(Clone, Debug)]
 pub struct Likelihoods {
@@ -44,7 +40,6 @@ impl Likelihoods {
             scales: [1.0; CLASSES],
             missed: [1.0; CLASSES],
         };
-        let threshold = AT_POINTS * threshold;
         let mut steps = [[1.0; 2]; CLASSES];
         let classes = own.scales.iter_mut().zip(&mut own.missed).zip(&mut steps);
         for (class, ((scale, missed), step)) in classes.enumerate() {
@@ -194,7 +189,7 @@ mod tests {
 
     #[test]
     fn likelihoods_are_those_of_exponential_distributions() {
-        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
+        let likelihoods = Likelihoods::new(THRESHOLD);
         for energy in [0, 1, 15, 16, 37, 136, 254] {
             let z = f64::from(energy) / 16.0;
             for (class, ratio) in likelihoods.of(energy).into_iter().enumerate() {
@@ -208,7 +203,7 @@ mod tests {
 
     #[test]
     fn without_a_path_its_likelihood_is_one_on_average_whatever_the_background() {
-        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
+        let likelihoods = Likelihoods::new(THRESHOLD);
         let quiet = Background { noise: 1.0, paths: [0.0; CLASSES] };
         let busy = Background { noise: 0.5, paths: [0.2, 0.15, 0.1, 0.03, 0.02] };
         for background in [quiet, Background::USUAL, busy] {
@@ -227,7 +222,7 @@ mod tests {
 
     #[test]
     fn a_busy_background_takes_an_energy_for_less() {
-        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
+        let likelihoods = Likelihoods::new(THRESHOLD);
         let strength = Strength::about(2.5, 1.0, &likelihoods);
         let ratio = |noise: f32| {
             let busy = Background { noise, paths: [(1.0 - noise) / CLASSES as f32; CLASSES] };
@@ -239,7 +234,7 @@ mod tests {
 
     #[test]
     fn the_background_learns_what_there_is() {
-        let likelihoods = Likelihoods::new(THRESHOLD / AT_POINTS);
+        let likelihoods = Likelihoods::new(THRESHOLD);
         let truth = Background { noise: 0.7, paths: [0.0, 0.3, 0.0, 0.0, 0.0] };
         let mut own = Background::USUAL;
         for _ in 0..400 {

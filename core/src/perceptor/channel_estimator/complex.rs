@@ -16,7 +16,7 @@
 
 use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
-use super::noise::{CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
+use super::noise::{COMPLEX_CUT, CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, LEAST_SINR, Path, SPARE_ROUNDS};
 use crate::model::observation::Complex;
 use crate::real::{abs, larger, smaller};
@@ -124,7 +124,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         let skip = SKIP_PULSES * table.samples_per_pulse();
         let strong = self.estimator.settings.strong_sinr;
         let mut reach = Reach::new(&self.components);
-        self.noise.refine(&self.steps, self.floor, |from, to, cut| {
+        self.noise.refine(&self.steps, &COMPLEX_CUT, self.floor, |from, to, cut| {
             let mut powers = CutPowers::default();
             let mut n = from;
             while n < to {

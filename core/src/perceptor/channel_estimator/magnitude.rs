@@ -16,7 +16,7 @@
 //! (a - sum_j a_j |R(tau - tau_j)|)^2, exceeds kappa lambda: side lobes stay out by the pulse's own shape. A path
 //! whose pulse is cut off by the frame's ends (half a pulse) is not looked for.
 
-use super::noise::{CutPowers, LevelSteps, NoiseLevel, level_floor, white_level};
+use super::noise::{CutPowers, LevelSteps, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path, SPARE_ROUNDS};
 use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
@@ -106,7 +106,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
     /// One pass over the powers beside the paths refines the levels of white noise and dense multipath.
     fn fit_noise(&mut self, steps: &LevelSteps, floor: f32) {
         let (estimator, peaks, samples) = (self.estimator, &self.peaks, self.samples);
-        self.noise.refine(steps, floor, |from, to, cut| {
+        self.noise.refine(steps, &MAGNITUDE_CUT, floor, |from, to, cut| {
             let mut powers = CutPowers::default();
             for (n, sample) in (from..).zip(samples.get(from..to).unwrap_or(&[])) {
                 let explained = peaks.iter().any(|peak| {
@@ -125,7 +125,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
     fn add_strongest(&mut self) -> bool {
         // A path midway between two samples looks this weak: what falls short by more need not be fitted.
         let midway = self.estimator.table.at(0.5);
-        let floor = SCALLOPING * (midway * midway) * self.estimator.threshold;
+        let floor = SCALLOPING * (midway * midway) * self.estimator.magnitude_threshold;
         let mut best: Option<Peak> = None;
         for (n, window) in (1..).zip(self.samples.windows(3)) {
             let &[before, here, after] = window else { continue };
@@ -142,7 +142,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
             }
             let Some(peak) = self.fit(None, n) else { continue };
             let stronger = best.is_none_or(|best| peak.gain > best.gain);
-            if peak.gain > self.estimator.threshold && stronger {
+            if peak.gain > self.estimator.magnitude_threshold && stronger {
                 best = Some(peak);
             }
         }
@@ -176,7 +176,9 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         }
         let mut weakest: Option<(usize, f32)> = None;
         for (k, peak) in self.peaks.iter().enumerate() {
-            if peak.gain <= self.estimator.threshold && weakest.is_none_or(|(_, gain)| peak.gain < gain) {
+            if peak.gain <= self.estimator.magnitude_threshold
+                && weakest.is_none_or(|(_, gain)| peak.gain < gain)
+            {
                 weakest = Some((k, peak.gain));
             }
         }

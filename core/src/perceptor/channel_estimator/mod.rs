@@ -25,7 +25,7 @@ use crate::radio::pulse::{Pulse, PulseTable};
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, ln, sqrt};
 use heapless::Vec;
 use interpolation::Interpolation;
-use noise::Profile;
+use noise::{COMPLEX_CUT, Cut, MAGNITUDE_CUT, Profile};
 
 pub use first_path::{FirstPath, FirstPathDetector};
 pub use noise::{DenseMultipath, NoiseLevel};
@@ -101,8 +101,9 @@ pub struct ChannelEstimator<const PATHS: usize> {
     sample_spacing_s: f32,
     /// What dense multipath is a sum of.
     profile: Profile,
-    /// kappa beside a level that was fitted to dense multipath.
+    /// kappa beside a level that was fitted to dense multipath: of complex frames, and of magnitudes.
     threshold: f32,
+    magnitude_threshold: f32,
     settings: EstimatorSettings,
 }
 
@@ -138,14 +139,18 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             interpolation: Interpolation::new(),
             sample_spacing_s,
             profile,
-            threshold: fitted_threshold(&pulse, &profile, known_threshold),
+            threshold: fitted_threshold(&pulse, &profile, &COMPLEX_CUT, known_threshold),
+            magnitude_threshold: fitted_threshold(&pulse, &profile, &MAGNITUDE_CUT, known_threshold),
             settings,
         }
     }
 
-    /// Threshold kappa on a path's normalised energy.
-    pub fn threshold(&self) -> f32 {
-        self.threshold
+    /// Threshold kappa on a path's normalised energy in such samples.
+    pub fn threshold(&self, samples: &Samples<'_>) -> f32 {
+        match samples {
+            Samples::Complex(_) => self.threshold,
+            Samples::Magnitude(_) => self.magnitude_threshold,
+        }
     }
 
     /// Estimates the paths of a frame whose first sample stands for a delay of `first_sample_delay_s`; none where
@@ -209,15 +214,18 @@ fn detection_threshold(bandwidth_window: f32, false_paths: f32) -> f32 {
     threshold
 }
 
-/// Mathematics: parts in n independent samples by which a peak is lost in a level fitted to n of them, less those by which the
-/// level's own errors bring false ones; fitted to simulated frames, in noise alone, in dense multipath and in rooms.
-pub const SELF_SHARE: f32 = -0.5;
+/// What a level fitted to such samples is cut off at.
+fn cut_of(samples: &Samples<'_>) -> &'static Cut {
+    match samples {
+        Samples::Complex(_) => &COMPLEX_CUT,
+        Samples::Magnitude(_) => &MAGNITUDE_CUT,
+    }
+}
 
-/// kappa where the level is fitted to n samples. A peak hardly lifts the level under it, cut off as it is there, and the
-/// level's errors are the larger part.
-fn fitted_threshold(pulse: &Pulse, profile: &Profile, threshold: f32) -> f32 {
+/// kappa where the level is fitted to n samples: a peak lifts the level under it, and the level's own errors add.
+fn fitted_threshold(pulse: &Pulse, profile: &Profile, cut: &Cut, threshold: f32) -> f32 {
     let samples = profile.length_s() / pulse.effective_duration_s();
-    threshold / (1.0 + SELF_SHARE / samples)
+    threshold / (1.0 + cut.self_share / samples)
 }
 
 #[cfg(test)]

@@ -8,9 +8,9 @@
 //! The residual's powers are exponentially distributed with mean lambda(n). Their likelihood is climbed by the
 //! multiplicative updates theta_j <- theta_j f(sum_n p u / sum_n p v), v = 1/lambda, u = |r|^2 / lambda^2 (the
 //! Itakura-Saito case of non-negative matrix factorisation, Fevotte, Bertin and Durrieu 2009), with |r|^2 / lambda cut
-//! off at 3 (and what exponentially distributed powers lose by that given back), so that a path not yet found counts
-//! little: where they are in a share e of the samples, the level rises by (1 - e) / (1 - 3.2 e), where all of them are
-//! counted by their SINR. A lower cut would bear more of them, and is less sure of dense multipath. For these sums the level is taken as constant over cells of a
+//! off ([`Cut`]), and what exponentially distributed powers lose by that given back, so that a path not yet found counts
+//! little: where they are in a share e of the samples, a cut at 3 makes the level rise by (1 - e) / (1 - 3.2 e), where all of them are
+//! counted by their SINR. For these sums the level is taken as constant over cells of a
 //! few nanoseconds. A profile being two exponentials, the rest are recursions from cell to cell: one pass over the samples,
 //! whatever the number of nodes.
 
@@ -29,12 +29,30 @@ pub const LENGTH_DECAYS: f32 = 1.56;
 pub const NODES: usize = 128;
 /// Guard: against a weight of zero, which no factor would change: every node's first share of the white noise.
 pub const FIRST_SHARE: f32 = 0.02;
-/// Guard: against paths not yet found in the noise fit: powers over their level are cut off here.
-pub const CUT: f32 = 3.0;
-/// Mathematics: share of their mean that exponentially distributed powers keep when cut off at [`CUT`], 1 - e^-3.
-pub const KEPT: f32 = 0.950_213;
-/// Mathematics: share of a change of all powers' level that their mean follows when cut off at [`CUT`]: (1 - 4 e^-3) / (1 - e^-3).
-pub const FOLLOWED: f32 = 0.842_814;
+/// How the noise fit bears paths that are not found yet: powers are cut off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cut {
+    /// Powers over the level are cut off here.
+    pub levels: f32,
+    /// Share of their mean that exponentially distributed powers keep then: 1 - e^-levels.
+    pub kept: f32,
+    /// Share of the square in an update's factor, x (1 - r + r x): an over-relaxation that needs fewer passes.
+    pub relaxation: f32,
+    /// Parts in n independent samples by which a peak is lost in a level fitted to n of them, less those by which the level's own
+    /// errors bring false ones; fitted to simulated frames.
+    pub self_share: f32,
+    /// How much of its own energy a point is taken to lift the level by, of an equal share: fitted to simulated frames of noise, beside
+    /// what theory has, kept / (1 - (1 + levels) e^-levels) and 1 / kept.
+    pub own: [f32; 2],
+}
+
+/// Guard: against paths not yet found, in frames with phases, where they are subtracted one by one.
+pub const COMPLEX_CUT: Cut =
+    Cut { levels: 5.0, kept: 0.993_262, relaxation: 0.5, self_share: 1.7, own: [1.0, 1.0] };
+/// Guard: against paths not yet found, in magnitudes, which cannot be subtracted: a lower cut bears more of them, and is less sure of
+/// dense multipath.
+pub const MAGNITUDE_CUT: Cut =
+    Cut { levels: 3.0, kept: 0.950_213, relaxation: 1.0, self_share: -0.5, own: [1.186_502, 1.052_396] };
 /// Guard: against paths in the white level that the noise fit begins with: powers further over it are left out.
 pub const TRIM: f32 = 5.0;
 /// Mathematics: mean of exponentially distributed powers when those above [`TRIM`] are left out, 1 - 5 / (e^5 - 1).
@@ -179,6 +197,7 @@ impl NoiseLevel {
     pub(super) fn refine(
         &mut self,
         steps: &LevelSteps,
+        by: &Cut,
         floor: f32,
         mut powers: impl FnMut(usize, usize, f32) -> CutPowers,
     ) {
@@ -193,12 +212,12 @@ impl NoiseLevel {
             for _ in 0..steps.node_cells {
                 let level = self.white + (decaying * decay - ONSET * (rising * rise));
                 let end = (sample + steps.cell_samples).min(steps.samples);
-                let CutPowers { sum, count } = powers(sample, end, CUT * level);
+                let CutPowers { sum, count } = powers(sample, end, by.levels * level);
                 sample = end;
                 let inverse = 1.0 / level;
                 let v = count * inverse;
                 // In this order neither underflows.
-                let u = (sum * inverse) * (inverse * (1.0 / KEPT));
+                let u = (sum * inverse) * (inverse * (1.0 / by.kept));
                 all_u += u;
                 all_v += v;
                 let [decaying_u, decaying_v, rising_u, rising_v] = own;
@@ -218,9 +237,9 @@ impl NoiseLevel {
                 *after = own + carried;
             }
             let [decaying_u, decaying_v, rising_u, rising_v] = after;
-            *weight *= factor(decaying_u - ONSET * rising_u, decaying_v - ONSET * rising_v);
+            *weight *= by.factor(decaying_u - ONSET * rising_u, decaying_v - ONSET * rising_v);
         }
-        self.white = larger(self.white * factor(all_u, all_v), floor);
+        self.white = larger(self.white * by.factor(all_u, all_v), floor);
         self.accumulate(steps);
     }
 }
@@ -240,12 +259,21 @@ impl CutPowers {
     }
 }
 
-/// Factor of an update: the square of x = u / v; 1 where nothing was seen. It is an over-relaxation that needs half as many
-/// passes; the update still contracts: with powers cut off at [`CUT`], ln x falls by less than 0.85 of what the logarithm of a level rises.
-/// Bounded, so that one update changes no level beyond repair.
-fn factor(u: f32, v: f32) -> f32 {
-    let ratio = if v > 0.0 { smaller(larger(u / v, 1e-3), 1e3) } else { 1.0 };
-    ratio * ratio
+impl Cut {
+    /// Factor of an update: x (1 - r + r x) with x = u / v; 1 where nothing was seen. The update still contracts, as the plain one has
+    /// eigenvalues from 0 to 1, and below 0.85 where powers are cut off at 3 levels. Bounded, so that one update changes no level
+    /// beyond repair.
+    fn factor(&self, u: f32, v: f32) -> f32 {
+        let ratio = if v > 0.0 { smaller(larger(u / v, 1e-3), 1e3) } else { 1.0 };
+        ratio * ((1.0 - self.relaxation) + self.relaxation * ratio)
+    }
+
+    /// An energy over the level, without what the point itself has lifted that by: of `share` of the samples that the level rests on.
+    pub(super) fn without_own(&self, energy: f32, share: f32) -> f32 {
+        let [follows, kept] = self.own;
+        let own = share * follows;
+        energy * (1.0 - own) / (1.0 - own * (smaller(energy, self.levels) * kept))
+    }
 }
 
 /// Factors of the profile's exponentials, exp(-t/decay) and exp(-t/decay - t/rise), over some time.
@@ -484,7 +512,7 @@ mod tests {
                 }
                 let mut noise = NoiseLevel::open(white_level(|| powers.iter().copied(), 400), &steps);
                 for _ in 0..16 {
-                    noise.refine(&steps, 1e-9, |from, to, cut| {
+                    noise.refine(&steps, &COMPLEX_CUT, 1e-9, |from, to, cut| {
                         let mut sum = CutPowers::default();
                         powers[from..to].iter().for_each(|power| sum.add(*power, cut));
                         sum

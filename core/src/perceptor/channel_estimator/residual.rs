@@ -5,15 +5,15 @@
 //! nothing is subtracted, and the energy of the paths found counts as noise. Around a path found, the rest says more of how well it
 //! was fitted than of others, and is masked.
 //!
-//! The level under a point was fitted to n independent samples, of which one is its own: it was lifted by (min(z, 3) / 0.950 - 1) /
-//! (0.843 n), as the fit cuts powers off at 3 levels, gives back what noise loses by that, and so follows a change of all of them by
-//! 0.843 of it. That is taken back.
+//! The level under a point was fitted to n independent samples, of which one is its own: it was lifted by (min(z, c) / k - 1) / (f n), as
+//! the fit cuts powers off at c levels, gives back what noise loses by that, 1 - k, and so follows a change of all of them by f of it.
+//! That is taken back ([`super::noise::Cut`]).
 //!
 //! A byte per point: z in sixteenths.
 
 use super::interpolation::{Kernel, TAPS};
-use super::noise::{CUT, FOLLOWED, KEPT, LevelSteps, LevelWalk};
-use super::{ChannelEstimate, ChannelEstimator};
+use super::noise::{LevelSteps, LevelWalk};
+use super::{ChannelEstimate, ChannelEstimator, cut_of};
 use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::MERGED;
 use crate::real::{SPEED_OF_LIGHT_M_S, floor, larger, smaller};
@@ -110,7 +110,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let mut levels = LevelWalk::new(&estimate.noise, &steps);
         let mut level = levels.next();
         // Share of a point in the level under it.
-        let own = self.pulse.effective_duration_s() / (FOLLOWED * self.profile.length_s());
+        let own = self.pulse.effective_duration_s() / self.profile.length_s();
+        let cut = cut_of(&samples);
         let mut window = [[0.0; 2]; WINDOW];
         self.rest(samples, &taken, 0, window.get_mut(BEFORE..TAPS - 1).unwrap_or(&mut []));
         let mut from = 0;
@@ -131,9 +132,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                     };
                     if residual.energies.len() < wanted {
                         // As much as is wanted has room: the push succeeds.
-                        let energy =
-                            energy * (1.0 - own) / (1.0 - own * (smaller(energy, CUT) * (1.0 / KEPT)));
-                        let _ = residual.energies.push(steps_of(energy));
+                        let _ = residual.energies.push(steps_of(cut.without_own(energy, own)));
                     }
                 }
                 level = next;
@@ -267,8 +266,8 @@ mod tests {
 
     /// An energy in steps, less what the point itself would have lifted the level by.
     fn kept(own: &ChannelEstimator<4>, energy: f32) -> f32 {
-        let share = own.pulse.effective_duration_s() / (0.842_8 * own.profile.length_s());
-        16.0 * energy * (1.0 - share) / (1.0 - share * energy.min(3.0) / 0.950_213)
+        let share = own.pulse.effective_duration_s() / own.profile.length_s();
+        16.0 * energy * (1.0 - share) / (1.0 - share * energy.min(5.0))
     }
 
     fn range_m(position: f32) -> f32 {

@@ -10,6 +10,7 @@ use crate::bound::{Information, information_told};
 use crate::replay::{PATHS, Setup};
 use crate::simulator::Simulator;
 use cogmint_core::model::detection::{Evidence, Worth};
+use cogmint_core::model::observation::Samples;
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
 
 use rayon::prelude::*;
@@ -47,7 +48,7 @@ impl Truth {
                 radio.false_paths_per_frame,
                 setup.config.estimator,
             );
-            Evidence::above(estimator.threshold())
+            Evidence::above(estimator.threshold(&Samples::Complex(&[])))
         };
         let evidence: Vec<Evidence> = setup.actions.iter().map(evidence).collect();
         let informations = (0..simulator.cycles())

@@ -21,6 +21,7 @@ use cogmint_core::perceptor::channel_estimator::complex::{
     DOUBTFUL, FIRST_REFINEMENTS, LEAST_PRIOR, PASSES, REACH_PULSES, REFINEMENTS, RIDGE, SCALLOPING,
     SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
 };
+use cogmint_core::perceptor::channel_estimator::noise::COMPLEX_CUT;
 use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
 
 /// A path in the making.
@@ -137,7 +138,7 @@ impl<T: Real> Fit<'_, T> {
             });
             powers.push(if near_strong { None } else { Some(residual[n]) });
         }
-        self.noise.update(&powers, self.floor);
+        self.noise.update(&COMPLEX_CUT, &powers, self.floor);
     }
 
     /// Gives every component the level at its delay.

@@ -15,6 +15,7 @@ use cogmint_core::perceptor::channel_estimator::SPARE_ROUNDS;
 use cogmint_core::perceptor::channel_estimator::magnitude::{
     EXPLAINED, FIRST_REFINEMENTS, OWN_PULSES, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
 };
+use cogmint_core::perceptor::channel_estimator::noise::MAGNITUDE_CUT;
 
 #[derive(Clone, Copy, Debug)]
 struct Peak<T> {
@@ -42,12 +43,12 @@ pub(super) fn estimate<T: Real>(
     let mut noise = estimator.open_noise(white_level(&powers), samples.len());
     let mut peaks: Vec<Peak<T>> = Vec::new();
     for _ in 0..FIRST_REFINEMENTS {
-        noise.update(&beside(estimator, &powers, &peaks), floor);
+        noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
     }
     for round in 0..estimator.most_paths + SPARE_ROUNDS {
         if round > 0 {
             for _ in 0..REFINEMENTS {
-                noise.update(&beside(estimator, &powers, &peaks), floor);
+                noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
             }
             refit(estimator, samples, &noise, &mut peaks);
         }
@@ -87,7 +88,7 @@ fn strongest_peak<T: Real>(
     peaks: &[Peak<T>],
 ) -> Option<Peak<T>> {
     let num = T::of;
-    let kappa = estimator.fitted_threshold;
+    let kappa = estimator.magnitude_threshold;
     let floor = num(SCALLOPING) * square(estimator.table.at(num(0.5))) * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
@@ -142,7 +143,7 @@ fn refit<T: Real>(
     }
     let mut weakest: Option<usize> = None;
     for k in 0..peaks.len() {
-        let below = peaks[k].gain <= estimator.fitted_threshold;
+        let below = peaks[k].gain <= estimator.magnitude_threshold;
         if below && weakest.is_none_or(|weakest| peaks[k].gain < peaks[weakest].gain) {
             weakest = Some(k);
         }

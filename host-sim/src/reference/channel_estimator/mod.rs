@@ -15,8 +15,8 @@ mod residual;
 use super::pulse::{Pulse, PulseTable};
 use super::real::{Real, larger, limited, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::channel_estimator::noise::LENGTH_DECAYS;
-use cogmint_core::perceptor::channel_estimator::{EstimatorSettings, LEAST_SINR, MOST_SINR, SELF_SHARE};
+use cogmint_core::perceptor::channel_estimator::noise::{COMPLEX_CUT, Cut, LENGTH_DECAYS, MAGNITUDE_CUT};
+use cogmint_core::perceptor::channel_estimator::{EstimatorSettings, LEAST_SINR, MOST_SINR};
 use interpolation::Interpolation;
 
 pub use noise::{DenseMultipath, NoiseLevel};
@@ -57,6 +57,8 @@ pub struct ChannelEstimator<T> {
     profile: [T; 2],
     /// kappa beside a level fitted to n samples: kappa / (1 + share / n), n those of a profile's length.
     fitted_threshold: T,
+    /// The same of magnitudes.
+    magnitude_threshold: T,
     /// Most paths reported.
     most_paths: usize,
     settings: EstimatorSettings,
@@ -82,22 +84,26 @@ impl<T: Real> ChannelEstimator<T> {
         }
         let profile = NoiseLevel::profile(pulse.effective_duration_s(), &settings);
         let worth = num(LENGTH_DECAYS) * profile[0] / pulse.effective_duration_s();
-        let fitted_threshold = threshold / (T::ONE + num(SELF_SHARE) / worth);
+        let fitted = |cut: &Cut| threshold / (T::ONE + num(cut.self_share) / worth);
         Self {
             table: PulseTable::new(&pulse, sample_spacing_s),
             pulse,
             interpolation: Interpolation::new(),
             sample_spacing_s,
             profile,
-            fitted_threshold,
+            fitted_threshold: fitted(&COMPLEX_CUT),
+            magnitude_threshold: fitted(&MAGNITUDE_CUT),
             most_paths,
             settings,
         }
     }
 
-    /// kappa.
-    pub fn threshold(&self) -> T {
-        self.fitted_threshold
+    /// kappa, of complex frames or of magnitudes.
+    pub fn threshold(&self, samples: &Samples<'_>) -> T {
+        match samples {
+            Samples::Complex(_) => self.fitted_threshold,
+            Samples::Magnitude(_) => self.magnitude_threshold,
+        }
     }
 
     /// Estimates a frame's paths.

@@ -9,7 +9,7 @@
 use crate::reference::real::{Real, exp, larger, smaller, sqrt, square};
 use cogmint_core::perceptor::channel_estimator::EstimatorSettings;
 use cogmint_core::perceptor::channel_estimator::noise::{
-    BLOCKS, CUT, FIRST_SHARE, KEPT, NODES, ONSET, RISE_DECAYS, TRIM, TRIMMED_SHARE,
+    BLOCKS, Cut, FIRST_SHARE, NODES, ONSET, RISE_DECAYS, TRIM, TRIMMED_SHARE,
 };
 
 /// The dense multipath of a frame: power (integral of its profile), mean delay, root mean square delay spread.
@@ -158,7 +158,7 @@ impl<T: Real> NoiseLevel<T> {
     }
 
     /// One update of N0 and all theta from the residual's powers; those that are `None` are left out.
-    pub(super) fn update(&mut self, powers: &[Option<T>], floor: T) {
+    pub(super) fn update(&mut self, cut: &Cut, powers: &[Option<T>], floor: T) {
         let num = T::of;
         let cell_step = self.exponentials(T::of_count(self.cell_samples));
         let middle = self.exponentials(num(0.5) * (T::of_count(self.cell_samples) - T::ONE));
@@ -176,12 +176,12 @@ impl<T: Real> NoiseLevel<T> {
                 let mut sum = T::ZERO;
                 let mut count = 0;
                 for power in cell.iter().flatten() {
-                    sum += smaller(*power, num(CUT) * level);
+                    sum += smaller(*power, num(cut.levels) * level);
                     count += 1;
                 }
                 let inverse = T::ONE / level;
-                // Order: (sum / lambda) (1 / lambda / KEPT), which does not underflow.
-                let u = (sum * inverse) * (inverse * (T::ONE / num(KEPT)));
+                // Order: (sum / lambda) (1 / lambda / kept), which does not underflow.
+                let u = (sum * inverse) * (inverse * (T::ONE / num(cut.kept)));
                 let terms = [u, T::of_count(count) * inverse];
                 for term in 0..2 {
                     all[term] += terms[term];
@@ -197,17 +197,18 @@ impl<T: Real> NoiseLevel<T> {
                 }
             }
             let [u, v] = [0, 1].map(|term| after[0][term] - num(ONSET) * after[1][term]);
-            self.theta[j] *= factor(u, v);
+            self.theta[j] *= factor(cut, u, v);
         }
-        self.white = larger(self.white * factor(all[0], all[1]), floor);
+        self.white = larger(self.white * factor(cut, all[0], all[1]), floor);
         self.sum_up();
     }
 }
 
 /// The square of u / v, this within 1e-3 to 1e3, or 1 where there was nothing to see.
-fn factor<T: Real>(u: T, v: T) -> T {
+fn factor<T: Real>(cut: &Cut, u: T, v: T) -> T {
     let x = if v > T::ZERO { smaller(larger(u / v, T::of(1e-3)), T::of(1e3)) } else { T::ONE };
-    square(x)
+    let relaxation = T::of(cut.relaxation);
+    x * ((T::ONE - relaxation) + relaxation * x)
 }
 
 /// Mean of exponentially distributed powers from those below five times a guess of it; the guess if there are none.

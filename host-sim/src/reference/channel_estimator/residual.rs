@@ -7,7 +7,7 @@
 use super::{ChannelEstimate, ChannelEstimator, power};
 use crate::reference::real::{Real, floor, larger, smaller, speed_of_light, square};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::channel_estimator::noise::{CUT, FOLLOWED, KEPT, LENGTH_DECAYS};
+use cogmint_core::perceptor::channel_estimator::noise::{COMPLEX_CUT, LENGTH_DECAYS, MAGNITUDE_CUT};
 use cogmint_core::perceptor::channel_estimator::residual::{FINEST, MOST, POINTS_PER_PULSE, STEPS};
 use cogmint_core::radio::pulse::MERGED;
 
@@ -72,7 +72,8 @@ impl<T: Real> ChannelEstimator<T> {
         let levels = estimate.noise.at_samples(rest.len() + 1);
         // One of as many samples as a profile is long.
         let length_s = T::of(LENGTH_DECAYS) * self.profile[0];
-        let own = self.pulse.effective_duration_s() / (T::of(FOLLOWED) * length_s);
+        let by = if is_complex { &COMPLEX_CUT } else { &MAGNITUDE_CUT };
+        let own = self.pulse.effective_duration_s() / length_s * T::of(by.own[0]);
         let mut energies = Vec::new();
         let share = T::ONE / T::of_count(points);
         for n in 0..rest.len() {
@@ -92,7 +93,7 @@ impl<T: Real> ChannelEstimator<T> {
                     square(larger(value[0], T::ZERO)) / level
                 };
                 // Less what the point itself has lifted the level by.
-                let cut = smaller(energy, T::of(CUT)) * (T::ONE / T::of(KEPT));
+                let cut = smaller(energy, T::of(by.levels)) * T::of(by.own[1]);
                 energies.push(Some(sixteenths(energy * (T::ONE - own) / (T::ONE - own * cut))));
             }
         }
