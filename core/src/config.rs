@@ -92,7 +92,6 @@ impl Default for Config {
                 acceleration_density_m2_s3: 1e-5,
                 velocity_decay_s: 10.0,
                 virtual_anchor_walk_m_sqrt_s: 3e-4,
-                position_std_limit_m: 30.0,
             },
             start: Start { position_m: [0.0, 0.0], position_std_m: 0.25, velocity_std_m_s: 0.03 },
             has_heading: false,
@@ -188,7 +187,6 @@ impl Config {
         within(motion.acceleration_density_m2_s3, 1e-12, 1e4, Setting::AccelerationDensity)?;
         within(motion.velocity_decay_s, 0.1, f32::INFINITY, Setting::VelocityDecay)?;
         within(motion.virtual_anchor_walk_m_sqrt_s, 1e-7, 1.0, Setting::VirtualAnchorWalk)?;
-        within(motion.position_std_limit_m, 1.0, 1e4, Setting::PositionLimit)?;
         for coordinate in start.position_m {
             within(coordinate, -1e4, 1e4, Setting::StartPosition)?;
         }

@@ -160,7 +160,6 @@ pub enum Setting {
     /// Time constant of the velocity's decay.
     VelocityDecay,
     VirtualAnchorWalk,
-    PositionLimit,
     StartPosition,
     StartDeviation,
     BiasPrior,

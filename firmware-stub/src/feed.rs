@@ -180,7 +180,6 @@ impl Feed {
         config.association.detection_probability = self.float()?;
         config.association.clutter_per_anchor = self.float()?;
         config.ranging.max_range_m = self.float()?;
-        config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = self.float()?;
         config.ranging.bias_std_m = self.float()?;
         config.ranging.floor_pulses = self.float()?;

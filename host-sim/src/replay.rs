@@ -159,7 +159,6 @@ impl Setup {
         config.association.detection_probability = association.detection_probability.min(0.999) as f32;
         config.association.clutter_per_anchor = association.clutter_per_anchor.max(1e-3) as f32;
         config.ranging.max_range_m = association.max_range_m as f32;
-        config.motion.position_std_limit_m = config.ranging.max_range_m;
         config.ranging.bias_mean_m = radio.range_bias_mean_m as f32;
         config.ranging.bias_std_m = radio.range_bias_std_m as f32;
         config.ranging.late_m = radio.range_late_m as f32;
@@ -320,7 +319,7 @@ fn refusal(error: Error, folder: &std::path::Path, anchors_out_of_reach: bool) -
             }
             Setting::DetectionProbability => (META_FILE, "association.detection_probability", "0.01 to 1"),
             Setting::ClutterPerAnchor => (META_FILE, "association.clutter_per_anchor", "0 to 100"),
-            Setting::MaxRange | Setting::PositionLimit => (META_FILE, "association.max_range_m", "1 to 1e4"),
+            Setting::MaxRange => (META_FILE, "association.max_range_m", "1 to 1e4"),
             Setting::BiasPrior => {
                 (META_FILE, "radio.range_bias_mean_m or radio.range_bias_std_m", "-10 to 10, and 0 to 10")
             }

@@ -25,12 +25,13 @@ pub const STATES: usize = 4 + 2 * VAS;
 pub const RANGES: usize = ANCHORS + VAS;
 /// Seconds between steps.
 pub const STEP_S: f32 = 0.1;
+/// Reach of the radio, metres.
+pub const REACH_M: f32 = 30.0;
 /// How the tag moves.
 pub const MOTION: Motion = Motion {
     acceleration_density_m2_s3: 0.3,
     velocity_decay_s: f32::INFINITY,
     virtual_anchor_walk_m_sqrt_s: 1e-4,
-    position_std_limit_m: 30.0,
 };
 /// Where the physical anchors stand, metres.
 pub const ANCHORS_M: [[f32; 2]; ANCHORS] = [[0.5, 7.0], [5.2, 3.2]];
@@ -202,7 +203,7 @@ impl Problem {
                 MOTION.acceleration_density_m2_s3,
                 MOTION.velocity_decay_s,
                 MOTION.virtual_anchor_walk_m_sqrt_s,
-                MOTION.position_std_limit_m,
+                REACH_M,
             ],
         );
         floats(&mut feed, &self.start_m);
@@ -230,7 +231,7 @@ impl Problem {
     /// The core's filter at the start.
     pub fn filter<const SURFACES: usize>(&self) -> StateFilter<ANCHORS, SURFACES> {
         let [position, velocity, _] = PRIOR_STD;
-        let mut filter = StateFilter::new(MOTION, self.start_m, position, velocity, 0.0, 0.0);
+        let mut filter = StateFilter::new(MOTION, REACH_M, self.start_m, position, velocity, 0.0, 0.0);
         for (slot, Told { surface, state: [x, y], std }) in self.surfaces.iter().enumerate() {
             assert!(
                 filter.insert_independent(slot, *surface, Vector2::new(*x, *y), *std),

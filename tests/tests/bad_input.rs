@@ -246,7 +246,7 @@ fn a_long_gap_grows_the_uncertainty_up_to_the_reach_of_the_radio() {
     config.motion.velocity_decay_s = f32::INFINITY;
     let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 5).unwrap();
     let gap = tracker.cycle(&[], 3600.0, None).unwrap();
-    let reach = config.motion.position_std_limit_m;
+    let reach = config.ranging.max_range_m;
     assert!(gap.entropy_nat.is_finite());
     assert!((gap.position_covariance_m2.m11.sqrt() / reach - 1.0).abs() < 1e-3);
 }

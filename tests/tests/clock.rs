@@ -47,7 +47,6 @@ fn tracker(velocity_decay_s: f32) -> Small {
     config.start.position_std_m = 0.5;
     config.start.velocity_std_m_s = 0.7;
     config.ranging.max_range_m = 30.0;
-    config.motion.position_std_limit_m = 30.0;
     let actions = [Action { carrier_hz: 7e9, pulse_duration_s: 2e-9 }];
     Small::new(config, &ANCHORS, &Map::default(), &actions, 1).unwrap()
 }
@@ -248,9 +247,9 @@ fn a_filters_prediction_cut_in_parts_is_the_whole_and_that_of_the_differential_e
     let (mut from_truth, mut from_whole) = (0.0_f64, 0.0_f64);
     for velocity_decay_s in [0.1, 0.5, 1.5, 10.0, 1e3, 1e6, f32::INFINITY] {
         for elapsed_s in [1e-3_f32, 0.02, 0.1, 0.75, 3.0, 10.0] {
-            let motion = Motion { position_std_limit_m: 1e4, ..motion(velocity_decay_s) };
+            let motion = motion(velocity_decay_s);
             let predicted = |parts: &[f32]| {
-                let mut filter = StateFilter::<1, 2>::new(motion, [0.0, 0.0], 0.2, 0.5, 0.0, 0.1);
+                let mut filter = StateFilter::<1, 2>::new(motion, 1e4, [0.0, 0.0], 0.2, 0.5, 0.0, 0.1);
                 filter.insert_independent(0, Surface::Private, Vector2::new(1.0, 1.0), [0.1; 2]);
                 filter.place(&start);
                 parts.iter().for_each(|part| filter.predict(part * elapsed_s));

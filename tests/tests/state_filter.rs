@@ -114,10 +114,9 @@ fn the_reduced_filter_agrees_with_the_textbook_filter_over_a_thousand_cycles() {
         acceleration_density_m2_s3: 0.01,
         velocity_decay_s: f32::INFINITY,
         virtual_anchor_walk_m_sqrt_s: 1e-4,
-        position_std_limit_m: 30.0,
     };
     let true_vas = [[-0.5_f64, 7.0], [11.5, 7.0], [0.5, -7.0], [6.8, 3.2], [5.2, -3.2], [5.2, 13.8]];
-    let mut filter = StateFilter::<2, 8>::new(motion, [3.02, 7.80], 0.1, 0.03, 0.0, 0.0);
+    let mut filter = StateFilter::<2, 8>::new(motion, 30.0, [3.02, 7.80], 0.1, 0.03, 0.0, 0.0);
     let n = 4 + 2 * true_vas.len();
     let mut textbook = Textbook { x: DVector::zeros(n), p: DMatrix::zeros(n, n) };
     for (i, deviation) in [0.1_f64, 0.1, 0.03, 0.03].iter().enumerate() {
@@ -192,12 +191,11 @@ fn a_virtual_anchor_known_exactly_is_a_physical_anchor_that_never_moves() {
         acceleration_density_m2_s3: 0.1,
         velocity_decay_s: f32::INFINITY,
         virtual_anchor_walk_m_sqrt_s: 1e-2,
-        position_std_limit_m: 30.0,
     };
     let exact = [(0, [-0.5_f32, 7.0]), (3, [5.2, -3.2])];
     for bias_std_m in [0.0, 0.2] {
         let mut noise = Noise(Xoshiro128PlusPlus::seed_from_u64(41));
-        let mut ours = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.1, 0.02, bias_std_m);
+        let mut ours = StateFilter::<2, 4>::new(motion, 30.0, [3.0, 7.0], 0.3, 0.1, 0.02, bias_std_m);
         // A virtual anchor of the usual kind, correlated with the tag.
         assert!(insert(&mut ours, 1, [11.5, 7.0], 0.2));
         let mut theirs = ours.clone();
@@ -268,11 +266,11 @@ fn changes_that_wait_give_the_bits_of_one_after_the_other() {
         acceleration_density_m2_s3: 0.3,
         velocity_decay_s: f32::INFINITY,
         virtual_anchor_walk_m_sqrt_s: 1e-3,
-        position_std_limit_m: 30.0,
     };
     for bias_std_m in [0.0, 0.2] {
-        let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], 2.0, 0.5, 0.1, bias_std_m);
+        let mut filter = StateFilter::<2, 24>::new(motion, 30.0, [3.0, 7.0], 2.0, 0.5, 0.1, bias_std_m);
         let prior = twin::Prior {
+            reach_m: 30.0,
             position_m: [3.0, 7.0],
             position_std_m: 2.0,
             velocity_std_m_s: 0.5,
@@ -351,9 +349,8 @@ fn the_order_of_measurements_within_a_cycle_does_not_matter() {
         acceleration_density_m2_s3: 0.01,
         velocity_decay_s: f32::INFINITY,
         virtual_anchor_walk_m_sqrt_s: 1e-4,
-        position_std_limit_m: 30.0,
     };
-    let mut forwards = StateFilter::<2, 4>::new(motion, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
+    let mut forwards = StateFilter::<2, 4>::new(motion, 30.0, [3.0, 7.0], 0.3, 0.03, 0.0, 0.0);
     assert!(insert(&mut forwards, 0, [-0.5, 7.0], 0.2));
     let mut backwards = forwards.clone();
     forwards.predict(1.0);
@@ -441,9 +438,8 @@ fn the_covariance_stays_positive_definite_at_full_size() {
                 acceleration_density_m2_s3: 0.01,
                 velocity_decay_s: f32::INFINITY,
                 virtual_anchor_walk_m_sqrt_s: 1e-4,
-                position_std_limit_m: 30.0,
             };
-            let mut filter = StateFilter::<2, 24>::new(motion, [3.0, 7.0], prior, 0.03, 0.0, 0.0);
+            let mut filter = StateFilter::<2, 24>::new(motion, 30.0, [3.0, 7.0], prior, 0.03, 0.0, 0.0);
             let mut images = Vec::new();
             for slot in 0..24 {
                 let image = [20.0 * noise.uniform() - 7.0, 20.0 * noise.uniform() - 5.0];
@@ -497,9 +493,8 @@ fn range_biases_are_found_while_the_tag_moves() {
         acceleration_density_m2_s3: 0.5,
         velocity_decay_s: f32::INFINITY,
         virtual_anchor_walk_m_sqrt_s: 1e-4,
-        position_std_limit_m: 30.0,
     };
-    let mut filter = StateFilter::<4, 1>::new(motion, [3.0, 4.5], 0.3, 0.5, 0.0, 0.2);
+    let mut filter = StateFilter::<4, 1>::new(motion, 30.0, [3.0, 4.5], 0.3, 0.5, 0.0, 0.2);
     for cycle in 0..3000 {
         let angle = 0.05 * f64::from(cycle);
         let truth = [3.0 + 2.0 * angle.sin(), 3.0 + 1.5 * (0.7 * angle).cos()];
@@ -535,9 +530,8 @@ fn correlated(noise: &mut Noise) -> StateFilter<2, 5> {
         acceleration_density_m2_s3: 0.1,
         velocity_decay_s: f32::INFINITY,
         virtual_anchor_walk_m_sqrt_s: 1e-4,
-        position_std_limit_m: 30.0,
     };
-    let mut filter = StateFilter::<2, 5>::new(motion, [3.0, 7.0], 0.2, 0.3, 0.0, 0.1);
+    let mut filter = StateFilter::<2, 5>::new(motion, 30.0, [3.0, 7.0], 0.2, 0.3, 0.0, 0.1);
     let images = [(0, [-0.5, 7.0]), (2, [11.5, 7.0]), (4, [5.2, -3.2])];
     for (slot, image) in images {
         assert!(insert(&mut filter, slot, image, 0.2));
@@ -639,8 +633,15 @@ fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
         [(3.0, 2.0, 0.2), (1.0, 2.0, 0.3), (6.0, -1.5, 0.5), (0.1, 3.0, 0.2), (4.0, 4.0, 0.0)]
     {
         let position_std_m = 0.05;
-        let filter =
-            StateFilter::<1, 1>::new(motion, [away_m as f32, 0.0], position_std_m as f32, 0.1, 0.0, 0.0);
+        let filter = StateFilter::<1, 1>::new(
+            motion,
+            30.0,
+            [away_m as f32, 0.0],
+            position_std_m as f32,
+            0.1,
+            0.0,
+            0.0,
+        );
         let regress = |height_std_m: f64| {
             let (height_m, height_std_m) = (height_m as f32, height_std_m as f32);
             let sight = Sight { anchor_m: [0.0, 0.0], height_m, height_std_m, lever_arm_m: [0.0; 2] };
@@ -668,7 +669,7 @@ fn a_heights_deviation_widens_a_range_as_drawn_heights_do() {
         assert_eq!(known.residual_m2 < told.residual_m2, height_std_m > 0.0, "{place}");
     }
     // At one height there is no slope: the range is what it was, to the bit.
-    let filter = StateFilter::<1, 1>::new(motion, [0.0, 0.0], 0.1, 0.1, 0.0, 0.0);
+    let filter = StateFilter::<1, 1>::new(motion, 30.0, [0.0, 0.0], 0.1, 0.1, 0.0, 0.0);
     let level =
         |height_std_m| Sight { anchor_m: [0.0, 0.0], height_m: 0.0, height_std_m, lever_arm_m: [0.0; 2] };
     let source = Source::Direct { anchor: 0 };

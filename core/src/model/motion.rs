@@ -25,9 +25,6 @@ pub struct Motion {
     /// Random walk of each virtual anchor per axis, metres per square root of a second (1e-7 to 1); those known exactly
     /// stay. Larger forgets map errors faster.
     pub virtual_anchor_walk_m_sqrt_s: f32,
-    /// The position's standard deviation never exceeds this, metres (1 to 1e4): a tag that is still heard is within
-    /// reach, however long it was not.
-    pub position_std_limit_m: f32,
 }
 
 /// Where the tag is believed to be before the first cycle.
@@ -193,12 +190,7 @@ mod tests {
     use super::*;
 
     fn motion(velocity_decay_s: f32) -> Motion {
-        Motion {
-            acceleration_density_m2_s3: 0.3,
-            velocity_decay_s,
-            virtual_anchor_walk_m_sqrt_s: 1e-4,
-            position_std_limit_m: 30.0,
-        }
+        Motion { acceleration_density_m2_s3: 0.3, velocity_decay_s, virtual_anchor_walk_m_sqrt_s: 1e-4 }
     }
 
     /// Moments of the differential equation, integrated in f64 by small steps of the midpoint rule.

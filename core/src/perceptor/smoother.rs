@@ -162,12 +162,8 @@ mod tests {
     use rand_core::{Rng, SeedableRng};
     use std::vec::Vec;
 
-    const MOTION: Motion = Motion {
-        acceleration_density_m2_s3: 0.2,
-        velocity_decay_s: 2.0,
-        virtual_anchor_walk_m_sqrt_s: 1e-4,
-        position_std_limit_m: 30.0,
-    };
+    const MOTION: Motion =
+        Motion { acceleration_density_m2_s3: 0.2, velocity_decay_s: 2.0, virtual_anchor_walk_m_sqrt_s: 1e-4 };
 
     /// A tag that walks, and a filter of its noisy positions: the truth and what the filter says, cycle by cycle.
     fn walk(cycles: usize, elapsed_s: f32, std_m: f32) -> Vec<([f32; 2], Agent)> {

@@ -88,14 +88,17 @@ pub struct StateFilter<const ANCHORS: usize, const SURFACES: usize> {
     estimate_bias: bool,
     bias_limit_m2: f32,
     motion: Motion,
+    /// The position's standard deviation never exceeds this, metres.
+    reach_m: f32,
 }
 
 impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES> {
-    /// A tag somewhere around `position_m` with no surfaces. A `bias_std_m` of 0 switches the biases off
+    /// A tag somewhere around `position_m` with no surfaces, of which never less is known than that it is within `reach_m`, metres. A `bias_std_m` of 0 switches the biases off
     /// (they stay at `bias_mean_m`).
     #[inline(always)] // built where it stays
     pub fn new(
         motion: Motion,
+        reach_m: f32,
         position_m: [f32; 2],
         position_std_m: f32,
         velocity_std_m_s: f32,
@@ -129,6 +132,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             estimate_bias: bias_std_m > 0.0,
             bias_limit_m2: bias_std_m * bias_std_m,
             motion,
+            reach_m,
         }
     }
 
@@ -701,7 +705,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     /// Scales back every state whose variance exceeds its limit.
     fn limit(&mut self) {
         let c = &mut self.covariance;
-        let reach = self.motion.position_std_limit_m * self.motion.position_std_limit_m;
+        let reach = self.reach_m * self.reach_m;
         let mut exceeded = false;
         let mut factor = |variance: f32, limit: f32| {
             if variance > limit {
@@ -1192,7 +1196,7 @@ mod tests {
     /// A filter in which everything depends on everything but the free slot.
     fn filter() -> Filter {
         let motion = crate::config::Config::default().motion;
-        let mut filter = Filter::new(motion, [1.0, 2.0], 0.3, 0.2, 0.05, 0.1);
+        let mut filter = Filter::new(motion, 30.0, [1.0, 2.0], 0.3, 0.2, 0.05, 0.1);
         for slot in (0..SURFACES).filter(|slot| *slot != FREE) {
             let state = Vector2::new(slot as f32 + 3.0, 4.0 - slot as f32);
             assert!(filter.insert_independent(slot, Surface::Private, state, [0.4, 0.3]));

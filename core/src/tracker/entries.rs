@@ -94,6 +94,7 @@ impl<
             belief: TagBelief::new(
                 StateFilter::new(
                     config.motion,
+                    ranging.max_range_m,
                     start.position_m,
                     start.position_std_m,
                     start.velocity_std_m_s,

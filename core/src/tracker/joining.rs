@@ -402,7 +402,7 @@ mod tests {
 
     fn nothing() -> (Filter, Memory) {
         let motion = crate::config::Config::default().motion;
-        (Filter::new(motion, [2.0, 2.0], 0.3, 0.2, 0.05, 0.1), Memory::default())
+        (Filter::new(motion, 30.0, [2.0, 2.0], 0.3, 0.2, 0.05, 0.1), Memory::default())
     }
 
     /// Enters an image found of an anchor, in the slot of this number.

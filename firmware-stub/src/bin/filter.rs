@@ -94,11 +94,11 @@ fn run<const SURFACES: usize>(
         acceleration_density_m2_s3: words.float()?,
         velocity_decay_s: words.float()?,
         virtual_anchor_walk_m_sqrt_s: words.float()?,
-        position_std_limit_m: words.float()?,
     };
+    let reach_m = words.float()?;
     let start_m = words.pair()?;
     let (position_std_m, velocity_std_m_s) = (words.float()?, words.float()?);
-    let filter = slot.write(StateFilter::new(motion, start_m, position_std_m, velocity_std_m_s, 0.0, 0.0));
+    let filter = slot.write(StateFilter::new(motion, reach_m, start_m, position_std_m, velocity_std_m_s, 0.0, 0.0));
     let anchors_m = [words.pair()?, words.pair()?];
     for slot in 0..SURFACES {
         let is_wall = words.count()? != 0;

@@ -142,6 +142,7 @@ impl<T: Real> Reference<T> {
         capacity: Capacity,
     ) -> Self {
         let prior = Prior {
+            reach_m: config.ranging.max_range_m,
             position_m: config.start.position_m,
             position_std_m: config.start.position_std_m,
             velocity_std_m_s: config.start.velocity_std_m_s,

@@ -62,11 +62,14 @@ pub struct StateFilter<T> {
     estimate_bias: bool,
     bias_limit_m2: T,
     motion: Motion,
+    reach_m: T,
 }
 
 /// The prior of the tag and the biases, in the terms of the configuration.
 #[derive(Clone, Copy, Debug)]
 pub struct Prior {
+    /// Its standard deviation never exceeds this, metres.
+    pub reach_m: f32,
     /// Position, metres.
     pub position_m: [f32; 2],
     /// Its standard deviation, metres.
@@ -96,7 +99,16 @@ impl<T: Real> StateFilter<T> {
         }
         let estimate_bias = prior.bias_std_m > 0.0;
         let bias_limit_m2 = square(T::of(prior.bias_std_m));
-        Self { anchors, mean, covariance, surfaces: vec![None; slots], estimate_bias, bias_limit_m2, motion }
+        Self {
+            anchors,
+            mean,
+            covariance,
+            surfaces: vec![None; slots],
+            estimate_bias,
+            bias_limit_m2,
+            motion,
+            reach_m: T::of(prior.reach_m),
+        }
     }
 
     /// Index of an anchor's bias.
@@ -563,7 +575,7 @@ impl<T: Real> StateFilter<T> {
         let mut exceeded = false;
         for i in self.active() {
             let limit = if i == PX || i == PY {
-                square(T::of(self.motion.position_std_limit_m))
+                square(self.reach_m)
             } else if i < AGENT {
                 T::of(VELOCITY_LIMIT)
             } else if self.is_bias(i) {

@@ -154,7 +154,7 @@ pub(in crate::perceptor::belief) mod tests {
 
     /// A component that was established, of a tag that stands here.
     pub fn component(position_m: [f32; 2], std_m: f32, weight_nat: f32) -> Component<2, 1> {
-        let filter = StateFilter::new(Config::default().motion, position_m, std_m, 0.3, 0.0, 0.0);
+        let filter = StateFilter::new(Config::default().motion, 30.0, position_m, std_m, 0.3, 0.0, 0.0);
         let outages = Outages::usual(&BeliefSettings::default());
         Component { weight_nat, ..Component::established(filter, outages) }
     }

@@ -544,9 +544,8 @@ mod tests {
             acceleration_density_m2_s3: 0.05,
             velocity_decay_s: 10.0,
             virtual_anchor_walk_m_sqrt_s: 3e-4,
-            position_std_limit_m: 30.0,
         };
-        StateFilter::new(motion, position_m, std_m, SPEED_M_S, 0.0, 0.0)
+        StateFilter::new(motion, 30.0, position_m, std_m, SPEED_M_S, 0.0, 0.0)
     }
 
     /// A belief that hears ranges of some of the anchors, and nothing else.
@@ -939,7 +938,7 @@ mod tests {
             let walking = |x: f32| {
                 // At constant velocity, as published: nobody slows down.
                 let motion = Motion { velocity_decay_s: f32::INFINITY, ..Config::default().motion };
-                let mut filter = StateFilter::<3, 2>::new(motion, [x, 0.0], 0.1, 0.1, 0.0, 0.0);
+                let mut filter = StateFilter::<3, 2>::new(motion, 30.0, [x, 0.0], 0.1, 0.1, 0.0, 0.0);
                 let mut agent = filter.agent();
                 agent.mean.z = 3.0;
                 filter.place(&agent);

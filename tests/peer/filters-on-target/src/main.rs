@@ -93,7 +93,7 @@ fn run(name: &[u8], start: fn(&Scene) -> Box<dyn Filter>) -> Result<(), Fault> {
     let acceleration_density_m2_s3 = words.float()?;
     let _velocity_decay_s = words.float()?;
     let virtual_anchor_walk_m_sqrt_s = words.float()?;
-    let _position_std_limit_m = words.float()?;
+    let _reach_m = words.float()?;
     let start_m = words.point()?;
     let (position_std_m, velocity_std_m_s) = (words.float()?, words.float()?);
     let mut anchors_m = [[0.0; 2]; ANCHORS];
