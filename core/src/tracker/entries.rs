@@ -168,7 +168,7 @@ impl<
     }
 
     /// From now on everything is received with an antenna that is this far ahead of the centre of the tag's body, and to its left
-    /// (metres, within 100 m). Where [`Config::has_heading`](crate::Config::has_heading), which way the body faces is estimated from
+    /// (metres, within 1 km). Where [`Config::has_heading`](crate::Config::has_heading), which way the body faces is estimated from
     /// what the antennas tell.
     ///
     /// # Errors
@@ -179,7 +179,7 @@ impl<
         }
         let is_centre = lever_arm_m == [0.0; 2];
         // Written so that NaN fails.
-        if !lever_arm_m.iter().all(|arm_m| abs(*arm_m) <= 100.0) || !(is_centre || self.config.has_heading) {
+        if !lever_arm_m.iter().all(|arm_m| abs(*arm_m) <= 1000.0) || !(is_centre || self.config.has_heading) {
             return Err(Error::LeverArm);
         }
         self.lever_arm_m = lever_arm_m;
