@@ -243,7 +243,7 @@ impl<
         let posterior = belief.leader().agent();
         let earned =
             reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
-        let state = planning_state(config, &posterior, receiver.evidence(), elapsed_s);
+        let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
         let filter = belief.leader();
         let known = Known { filter, environment, channel, plan, walls };
         let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(&told, Place::of(&posterior)));

@@ -7,7 +7,6 @@ use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, Plan
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::{ChannelMemory, ChannelMemorySettings};
-use cogmint_core::model::detection::Evidence;
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
@@ -118,7 +117,7 @@ impl Problem {
                 pulse_shape: PulseShape::RootRaisedCosine { roll_off },
                 ..Config::default().radio
             },
-            evidence: Evidence::above(threshold),
+            threshold,
         };
         let planned = std::array::from_fn(|action| action % 2 == 0);
         let horizon = Horizon { steps, discount: 0.5, reward: Reward::InformationGain };

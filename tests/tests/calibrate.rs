@@ -378,7 +378,7 @@ fn a_calibration_is_read_as_it_is_written_and_a_foreign_one_is_refused() {
 }
 
 #[test]
-fn an_applied_calibration_takes_bias_and_excess_out_of_the_ranges() {
+fn an_applied_calibration_takes_the_bias_out_of_the_ranges_and_tells_of_the_excess() {
     let planted = planted(9, 200, false);
     let calibration = calibrated(&planted, &options(true));
     let applied = calibration.applied(planted.recording.clone(), Path::new("c.toml")).expect("is its own");
@@ -394,8 +394,12 @@ fn an_applied_calibration_takes_bias_and_excess_out_of_the_ranges() {
         }
     }
     for (sum, count) in sums {
-        assert!((sum / count).abs() < 0.08, "a mean error of {} m is left", sum / count);
+        // The excess stays in them: the tracker knows of it.
+        let excess_m = ERRORS.1 * ERRORS.2;
+        assert!((sum / count - excess_m).abs() < 0.08, "a mean error of {} m is left", sum / count);
     }
+    let late_m = applied.radio.range_late_m;
+    assert!((late_m / ERRORS.2).ln().abs() < 0.4, "{late_m}");
     let clutter = applied.association.clutter_per_anchor;
     assert!((0.002..0.05).contains(&clutter), "{clutter}");
 }

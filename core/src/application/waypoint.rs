@@ -34,7 +34,7 @@ use crate::controller::planning::{PlanningState, Visible};
 use crate::information::entropy::{position_block, position_entropy_nat};
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::model::channel::ChannelKnowledge;
-use crate::model::detection::{Evidence, Worth};
+use crate::model::detection::detection_probability;
 use crate::model::motion::MotionStep;
 use crate::model::source::Source;
 use crate::radio::library::Library;
@@ -181,7 +181,7 @@ pub fn choose_waypoint<const ACTIONS: usize, V: Iterator<Item = (Visible, usize)
         channel,
         variances_m2,
         floor_m2: state.range_floor_m * state.range_floor_m,
-        evidence: state.evidence,
+        threshold: state.threshold,
         step: state.motion.step(settings.period_s),
     };
     let mut ways = [Way::default(); MOST_CANDIDATES];
@@ -235,7 +235,7 @@ struct RangeQuality<'a, C, const ACTIONS: usize> {
     /// By action, variance of a range at SINR 1 and what comes on top at any, square metres.
     variances_m2: [[f32; 2]; ACTIONS],
     floor_m2: f32,
-    evidence: Evidence,
+    threshold: f32,
     /// The motion over one cycle.
     step: MotionStep,
 }
@@ -414,13 +414,13 @@ impl<C: ChannelKnowledge, const ACTIONS: usize> RangeQuality<'_, C, ACTIONS> {
             let squared = |place: [f32; 2]| larger(squared_distance_m2(sight, place), NEAREST_M * NEAREST_M);
             sinr *= squared(present_m) / squared(place_m);
         }
-        let Worth { odds, sinr } = self.evidence.worth(sqrt(larger(sinr, 0.0)));
-        let there = known.visibility * sight.availability;
-        if there <= 0.0 || sinr <= 0.0 {
+        // A path tells something only if it is found.
+        let found = known.visibility * sight.availability * detection_probability(sinr, self.threshold);
+        if found <= 0.0 {
             return;
         }
         let [unit_m2, path_m2] = self.variances_m2.get(action).copied().unwrap_or([0.0; 2]);
-        information.add(slope, (unit_m2 / sinr + (self.floor_m2 + path_m2) + map_m2) * (odds / there));
+        information.add(slope, (unit_m2 / sinr + (self.floor_m2 + path_m2) + map_m2) / found);
     }
 }
 
@@ -472,7 +472,7 @@ mod tests {
             range_floor_pulses: 0.0,
             radio: Config::default().radio,
             // Every path is found.
-            evidence: Evidence::above(0.0),
+            threshold: 0.0,
         }
     }
 
@@ -578,7 +578,7 @@ mod tests {
         state.motion = motion(6.4);
         state.variance_inflation = 1.44;
         state.range_floor_m = 0.01;
-        state.evidence = Evidence::above(6.0);
+        state.threshold = 6.0;
         state.position_m = [0.5, 0.25];
         let settings = WaypointSettings { speed_m_s: 0.7, period_s: 0.1, metres_per_nat: 1.0 };
         let pulse = state.radio.pulse(&LIBRARY_WIDE[0]);

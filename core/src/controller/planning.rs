@@ -2,8 +2,8 @@
 //!
 //! For every planned action the agent's covariance is carried ahead, step by step: prediction, then the
 //! information of all sources expected visible at the predicted position, with range variances from the channel
-//! memory at that action: of paths that are found, times the probability that they are, or, where frames are read below the
-//! threshold, of all ([`Evidence`]). Geometry does not depend on the action: it is computed once for a batch of them.
+//! memory at that action, times the probability that the path is found at all. Geometry does not depend on the action:
+//! it is computed once for a batch of them.
 //! The same action is held over the horizon; its rewards are discounted by gamma^(l-1) and normalised.
 //!
 //! Where every anchor has an action of its own, one anchor's is planned at a time, and the others' paths are given.
@@ -11,12 +11,12 @@
 use super::reward::{Reward, reward};
 use crate::information::fisher::{PositionInformation, range_slope};
 use crate::model::channel::ChannelKnowledge;
-use crate::model::detection::{Evidence, Worth};
+use crate::model::detection::missed_odds;
 use crate::model::motion::{Motion, MotionStep};
 use crate::model::source::Source;
 use crate::radio::Radio;
 use crate::radio::library::Library;
-use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger};
+use crate::real::{SPEED_OF_LIGHT_M_S, exp, larger, sqrt};
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4};
 
@@ -56,8 +56,8 @@ pub struct PlanningState {
     pub range_floor_pulses: f32,
     /// The radio.
     pub radio: Radio,
-    /// What tells of a path.
-    pub evidence: Evidence,
+    /// Threshold on the normalised energy of a path below which it is not found.
+    pub threshold: f32,
 }
 
 /// Capacity: longest horizon, cycles; it bounds memory and time.
@@ -94,15 +94,16 @@ pub struct Planner<'a, C, const ACTIONS: usize> {
     state: &'a PlanningState,
     /// The motion over one cycle.
     step: MotionStep,
+    threshold_root: f32,
     channel: &'a C,
     library: &'a Library<ACTIONS>,
 }
 
 /// What a path tells at one action, whatever the geometry.
 struct PathQuality {
-    /// Visibility x availability x SINR told.
-    there: f32,
-    /// 1 / probability that it is told.
+    /// Visibility x availability x SINR.
+    found: f32,
+    /// 1 / P_d.
     odds: f32,
     /// Variance of a range at SINR 1, square metres.
     unit_m2: f32,
@@ -112,10 +113,10 @@ struct PathQuality {
 }
 
 impl PathQuality {
-    /// P / (unit / SINR + rest + floor), 1/m^2.
+    /// A path tells something only if it is found: P_d / (unit / SINR + rest + floor), 1/m^2.
     #[inline(always)]
     fn weight(&self, view: &View) -> f32 {
-        self.there / (self.odds * (self.unit_m2 + (view.rest_m2 + self.floor_m2) * self.sinr))
+        self.found / (self.odds * (self.unit_m2 + (view.rest_m2 + self.floor_m2) * self.sinr))
     }
 }
 
@@ -127,8 +128,9 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
         channel: &'a C,
         library: &'a Library<ACTIONS>,
     ) -> Self {
+        let threshold_root = sqrt(larger(state.threshold, 0.0));
         let step = state.motion.step(state.elapsed_s);
-        Self { horizon, state, step, channel, library }
+        Self { horizon, state, step, threshold_root, channel, library }
     }
 
     /// Discounted, normalised rewards of the actions in `planned`, each for all of `visible`; zero for the others. `given`
@@ -209,10 +211,10 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
     #[inline(always)]
     fn quality(&self, sight: &Visible, action: usize, [unit_m2, floor_m2]: [f32; 2]) -> PathQuality {
         let root = exp(0.5 * self.channel.sinr_ln(sight.source, action));
-        let Worth { odds, sinr } = self.state.evidence.worth(root);
+        let sinr = root * root;
         PathQuality {
-            there: self.channel.visibility(sight.source) * sight.availability * sinr,
-            odds,
+            found: self.channel.visibility(sight.source) * sight.availability * sinr,
+            odds: 1.0 + missed_odds(root, self.threshold_root),
             unit_m2,
             floor_m2,
             sinr,

@@ -30,47 +30,6 @@ pub fn missed_odds(sinr_root: f32, threshold_root: f32) -> f32 {
     exp(LOGISTIC_ROOTS * (threshold_root - sinr_root))
 }
 
-/// What tells of a path: its detection alone, or the frame as a whole.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Evidence {
-    /// Paths that pass a threshold on normalised energy, of which this is the square root.
-    Detected {
-        /// The root.
-        threshold_root: f32,
-    },
-    /// All paths: what is below the threshold is read as well.
-    Whole,
-}
-
-/// What a path is worth: its delay, of some SINR, with some probability.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Worth {
-    /// 1 / probability that anything is told.
-    pub odds: f32,
-    /// SINR of the delay told.
-    pub sinr: f32,
-}
-
-impl Evidence {
-    /// Of paths that pass this threshold on normalised energy.
-    pub fn above(threshold: f32) -> Self {
-        Self::Detected { threshold_root: sqrt(larger(threshold, 0.0)) }
-    }
-
-    /// What a path is worth, from the square root of its SINR s. Where it is read whether detected or not, the Fisher information of
-    /// a path whose amplitude is complex Gaussian from frame to frame: as of a detected one of the SINR s^2 / (1 + s).
-    #[inline(always)]
-    pub fn worth(self, sinr_root: f32) -> Worth {
-        let sinr = sinr_root * sinr_root;
-        match self {
-            Self::Detected { threshold_root } => {
-                Worth { odds: 1.0 + missed_odds(sinr_root, threshold_root), sinr }
-            }
-            Self::Whole => Worth { odds: 1.0, sinr: sinr * (sinr / (1.0 + sinr)) },
-        }
-    }
-}
-
 /// Guard: against certainty that no false alarm is so strong, whatever a radio may do: their least density, over that of all.
 pub const LEAST_FALSE_ALARM: f32 = 1e-4;
 

@@ -5,7 +5,6 @@ use super::channel_estimator::{ChannelEstimate, ChannelEstimator, EstimatorSetti
 use super::gain_control::GainControl;
 use super::scan::{FrameLevel, Scan};
 use crate::error::Error;
-use crate::model::detection::Evidence;
 use crate::model::measurement::{Measurement, Ranging};
 use crate::model::observation::{
     Frame, FrameRules, Observation, RangeScan, Samples, check_frame, check_scan,
@@ -314,11 +313,6 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     /// Threshold on the normalised energy of a path: that of the last anchor's last frame.
     pub fn threshold(&self) -> f32 {
         self.threshold
-    }
-
-    /// What tells of a path.
-    pub fn evidence(&self) -> Evidence {
-        if self.leaves { Evidence::Whole } else { Evidence::above(self.threshold) }
     }
 }
 

@@ -12,7 +12,6 @@ use crate::memory::environment::{EnvironmentMemory, Placed};
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
-use crate::model::detection::Evidence;
 use crate::model::measurement::Measurement;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
@@ -73,7 +72,7 @@ impl<
         if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(WaypointError::TagHeight);
         }
-        let state = planning_state(&self.config, &self.filter().agent(), self.evidence(), settings.period_s);
+        let state = planning_state(&self.config, &self.filter().agent(), self.threshold(), settings.period_s);
         let Self { config, anchors, plan, library, environment, channel, .. } = self;
         let filter = self.filter();
         let told = Told { config, anchors, library, tag_height, lever_arm_m: self.lever_arm_m };
@@ -217,9 +216,9 @@ impl<
         &self.lateness
     }
 
-    /// What tells of a path, of the pulse last used.
-    pub fn evidence(&self) -> Evidence {
-        self.receiver.evidence()
+    /// Threshold on the normalised energy of a path, of the pulse last used.
+    pub fn threshold(&self) -> f32 {
+        self.receiver.threshold()
     }
 
     /// 64-bit hash over all state, that of a cycle begun included: equal hashes after the same inputs mean equal bits.

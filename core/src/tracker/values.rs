@@ -9,7 +9,6 @@ use crate::memory::environment::{CONFIRMED, EnvironmentMemory};
 use crate::model::anchor::Anchor;
 use crate::model::availability::{Paths, WallNow, Walls};
 use crate::model::channel::{ChannelKnowledge, ChannelPrior};
-use crate::model::detection::Evidence;
 use crate::model::image::Sequence;
 use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
@@ -342,7 +341,7 @@ impl<const ANCHORS: usize, const SOURCES: usize> Seen<ANCHORS, SOURCES> {
 pub(super) fn planning_state(
     config: &Config,
     agent: &Agent,
-    evidence: Evidence,
+    threshold: f32,
     elapsed_s: f32,
 ) -> PlanningState {
     PlanningState {
@@ -355,6 +354,6 @@ pub(super) fn planning_state(
         range_floor_m: config.ranging.floor_m,
         range_floor_pulses: config.ranging.floor_pulses,
         radio: config.radio,
-        evidence,
+        threshold,
     }
 }

@@ -14,7 +14,6 @@ use cogmint_core::controller::planning::{Horizon, LONGEST_HORIZON, Planner, Plan
 use cogmint_core::controller::reward::Reward;
 use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::{ChannelMemory, ChannelMemorySettings};
-use cogmint_core::model::detection::Evidence;
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
@@ -108,7 +107,7 @@ fn outlook(feed: &mut File) -> Result<PlanningState, Fault> {
         range_floor_m,
         range_floor_pulses: 0.0,
         radio: Radio { pulse_shape: PulseShape::RootRaisedCosine { roll_off }, ..Config::default().radio },
-        evidence: Evidence::above(threshold),
+        threshold,
     })
 }
 

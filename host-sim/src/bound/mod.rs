@@ -74,19 +74,19 @@ pub fn cycle_information(channel: &Channel, cycle: usize, action: usize) -> Info
     sum
 }
 
-/// Information about the position in one anchor's frame, per action, where a path of a SINR tells as much as one of
-/// `told(action, sinr)` does in the bound.
-pub fn information_told(
+/// Information about the position in one anchor's frame, per action, where a path of a SINR is found with the probability
+/// `found(action, sinr)`: its SINR counts as that share of itself.
+pub fn information_found(
     channel: &Channel,
     cycle: usize,
     anchor: usize,
-    told: impl Fn(usize, f64) -> f64,
+    found: impl Fn(usize, f64) -> f64,
 ) -> Vec<Information> {
     let paths = channel.paths(cycle, anchor);
     let of_action = |action| {
         let mut components = channel.components_of(&paths, cycle, anchor, action);
         for component in &mut components {
-            component.sinr = told(action, component.sinr);
+            component.sinr *= found(action, component.sinr);
         }
         let directions: Vec<[f64; 2]> =
             components.iter().map(|component| direction(channel, cycle, anchor, component)).collect();

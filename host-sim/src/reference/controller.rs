@@ -248,8 +248,8 @@ pub struct Outlook<T> {
     pub range_floor_pulses: T,
     /// The radio.
     pub radio: Radio,
-    /// Threshold on the normalised energy of a path; none where paths are read below it as well.
-    pub threshold: Option<T>,
+    /// Threshold on the normalised energy of a path.
+    pub threshold: T,
 }
 
 /// How far and by what planning judges.
@@ -332,13 +332,11 @@ impl<T: Real> Prospect<'_, T> {
         let [ux, uy] = slope;
         let c = &source.covariance_m2;
         let map = square(ux) * c[0][0] + T::of(2.0) * (ux * uy) * c[1][0] + square(uy) * c[1][1];
-        // P_d / (unit / SINR + rest), with one division; or all paths, of the SINR s^2 / (1 + s).
+        // P_d / (unit / SINR + rest), with one division.
         let root = exp(T::of(0.5) * memory.sinr_ln(source.source, action));
-        let (odds, sinr) = match outlook.threshold {
-            Some(threshold) => (T::ONE + missed_odds(root, sqrt(larger(threshold, T::ZERO))), square(root)),
-            None => (T::ONE, square(root) * (square(root) / (T::ONE + square(root)))),
-        };
+        let sinr = square(root);
         let found = memory.visibility(source.source)[0] * source.availability * sinr;
+        let odds = T::ONE + missed_odds(root, sqrt(larger(outlook.threshold, T::ZERO)));
         let rest = square(outlook.range_floor_m) + map;
         let unresolved = square(outlook.range_floor_pulses * (pulse.duration_s * speed_of_light::<T>()));
         information.add_weighted(slope, found / (odds * (unit + (rest + unresolved) * sinr)));

@@ -351,7 +351,7 @@ impl<T: Real> Reference<T> {
         let posterior = belief.leading().agent();
         let [before, after] = [&predicted.covariance, &posterior.covariance];
         let earned = reward(config.controller.reward, &last.covariance, before, after);
-        let outlook = outlook(config, &posterior, receiver.detected_above(), elapsed_s);
+        let outlook = outlook(config, &posterior, receiver.threshold, elapsed_s);
         let visible = Known { filter: belief.leading(), environment, channel, plan, walls }
             .visible(&told, &Place::of(&posterior));
         let heard: Vec<_> = outcomes.iter().map(|outcome| &outcome.scan).collect();

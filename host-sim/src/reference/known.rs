@@ -377,7 +377,7 @@ pub fn sweep<T: Real>(
 }
 
 /// Where planning starts from.
-pub fn outlook<T: Real>(config: &Config, agent: &Agent<T>, threshold: Option<T>, elapsed_s: T) -> Outlook<T> {
+pub fn outlook<T: Real>(config: &Config, agent: &Agent<T>, threshold: T, elapsed_s: T) -> Outlook<T> {
     Outlook {
         position_m: [agent.mean[PX], agent.mean[PY]],
         velocity_m_s: [agent.mean[VX], agent.mean[VY]],

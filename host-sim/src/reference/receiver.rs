@@ -125,11 +125,6 @@ impl<T: Real> Receiver<T> {
         receiver
     }
 
-    /// The threshold where paths above it alone tell anything.
-    pub fn detected_above(&self) -> Option<T> {
-        (self.points == 0).then_some(self.threshold)
-    }
-
     /// The paths of every frame, and one scan per anchor heard, of `dt` seconds. `losses_ln`: ln of the power that each action
     /// loses over the first.
     pub fn receive(

@@ -10,6 +10,7 @@ use crate::channel::SPEED_OF_LIGHT_M_S;
 use crate::channel::random::normal;
 use cogmint_core::memory::environment::CONFIRMED;
 use cogmint_core::model::channel::ChannelKnowledge as _;
+use cogmint_core::model::detection::detection_probability;
 use cogmint_core::model::source::Source;
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -99,16 +100,19 @@ impl<const A: usize> Choose<A> for OnMemory {
                 let sinr = factor * f64::from(memory.sinr(source, action));
                 let Some(entry) = tracker.library().get(action) else { continue };
                 let pulse = config.radio.pulse(entry);
-                let worth = tracker.evidence().worth((sinr as f32).sqrt());
                 let range_m2 = f64::from(config.ranging.variance_inflation)
-                    * f64::from(pulse.range_variance_m2(worth.sinr))
+                    * f64::from(pulse.range_variance_m2(sinr as f32))
                     + f64::from(config.ranging.floor_m).powi(2)
                     + (f64::from(config.ranging.floor_pulses)
                         * f64::from(pulse.duration_s)
                         * SPEED_OF_LIGHT_M_S)
                         .powi(2);
-                let there = f64::from(memory.visibility(source) * available / worth.odds);
-                let weight = there / (range_m2 + map_m2);
+                let found = f64::from(
+                    memory.visibility(source)
+                        * available
+                        * detection_probability(sinr as f32, tracker.threshold()),
+                );
+                let weight = found / (range_m2 + map_m2);
                 sum[0] += weight * gx * gx;
                 sum[1] += weight * gx * gy;
                 sum[2] += weight * gy * gy;

@@ -1,15 +1,15 @@
 //! What every action would have told, from the simulator's own knowledge: the yardstick of all controllers.
 //!
-//! In cycle n, action c tells of the position I_n(c), the information of all paths: of a path of the SINR s whose amplitude
-//! turns from frame to frame that of s^2 / (1 + s), or, where frames are not read below the detector's threshold, of s times the
-//! probability that it is found. The posterior Cramer-Rao bound carries that through the tracker's motion model. A controller's entropy is that of the
+//! In cycle n, action c tells of the position I_n(c), the information of all paths, each weighed with the probability
+//! that the channel estimator finds it (of a path below the threshold nothing is learned, however good its bound). The
+//! posterior Cramer-Rao bound carries that through the tracker's motion model. A controller's entropy is that of the
 //! bound after the actions it chose; the genie takes the action that leaves least entropy, cycle by cycle.
 
 use crate::bound::posterior::Posterior;
-use crate::bound::{Information, information_told};
+use crate::bound::{Information, information_found};
 use crate::replay::{PATHS, Setup};
 use crate::simulator::Simulator;
-use cogmint_core::model::detection::{Evidence, Worth};
+use cogmint_core::model::detection::detection_probability;
 use cogmint_core::model::observation::Samples;
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
 
@@ -37,29 +37,28 @@ impl Truth {
     pub fn new(simulator: &Simulator, setup: &Setup) -> Self {
         let channel = simulator.channel();
         let radio = &setup.config.radio;
-        let evidence = |action| {
-            if setup.config.belief.reads_below_threshold {
-                return Evidence::Whole;
-            }
-            let estimator = ChannelEstimator::<PATHS>::new(
-                radio.pulse(action),
-                radio.sample_spacing_s,
-                radio.samples_per_frame,
-                radio.false_paths_per_frame,
-                setup.config.estimator,
-            );
-            Evidence::above(estimator.threshold(&Samples::Complex(&[])))
-        };
-        let evidence: Vec<Evidence> = setup.actions.iter().map(evidence).collect();
+        let thresholds: Vec<f32> = setup
+            .actions
+            .iter()
+            .map(|action| {
+                let estimator = ChannelEstimator::<PATHS>::new(
+                    radio.pulse(action),
+                    radio.sample_spacing_s,
+                    radio.samples_per_frame,
+                    radio.false_paths_per_frame,
+                    setup.config.estimator,
+                );
+                estimator.threshold(&Samples::Complex(&[]))
+            })
+            .collect();
         let informations = (0..simulator.cycles())
             .into_par_iter()
             .map(|cycle| {
-                let told = |action: usize, sinr: f64| {
-                    let Worth { odds, sinr } = evidence[action].worth(sinr.sqrt() as f32);
-                    f64::from(sinr / odds)
+                let found = |action: usize, sinr: f64| {
+                    f64::from(detection_probability(sinr as f32, thresholds[action]))
                 };
                 let anchors = 0..channel.scenario().anchors.len();
-                anchors.map(|anchor| information_told(channel, cycle, anchor, told)).collect()
+                anchors.map(|anchor| information_found(channel, cycle, anchor, found)).collect()
             })
             .collect();
         let start = &setup.config.start;
