@@ -166,7 +166,8 @@ impl Setup {
             config.ranging.floor_pulses = floor as f32;
         }
         let arms_m = recording.antennas.iter().filter_map(|antenna| antenna.lever_arm_m);
-        config.has_heading = arms_m.into_iter().any(|arm_m| arm_m != [0.0; 2]);
+        // It takes the place of a surface, where there is one to spare.
+        config.has_heading = known.len() < most && arms_m.into_iter().any(|arm_m| arm_m != [0.0; 2]);
         config.radio.pulse_shape = pulse_shape(radio);
         config.radio.gain_control = radio.gain_control;
         if let Some(spacing) = radio.sample_spacing_s {
@@ -390,6 +391,11 @@ pub struct CycleInput<'a> {
 }
 
 impl CycleInput<'_> {
+    /// The lever arm as a tracker of this configuration is told: none where it estimates no heading.
+    pub fn arm_m(&self, config: &Config) -> [f32; 2] {
+        if config.has_heading { self.lever_arm_m } else { [0.0; 2] }
+    }
+
     /// What the tracker gets: frames, then ranges, by anchor.
     pub fn observations(&self) -> Vec<Observation<'_>> {
         let frames = self.frames.iter().copied().map(Observation::Frame);
@@ -483,7 +489,7 @@ pub fn step<const A: usize, const S: usize, const C: usize, const P: usize>(
     mut observer: &mut dyn Observer<SOURCES, PATHS>,
 ) -> Result<Step, Error> {
     let observations = input.observations();
-    tracker.switch_antenna(input.lever_arm_m)?;
+    tracker.switch_antenna(input.arm_m(tracker.config()))?;
     let begin = std::time::Instant::now();
     let mut refused = None;
     let mut outcome = tracker.cycle_observed(&observations, input.elapsed_s, input.tag_height, &mut observer);

@@ -119,7 +119,7 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
             );
             return Err(InputError::new(file, reason).for_item("range_anchor"));
         }
-        feed.cycle(&input);
+        feed.cycle(&input, input.arm_m(config));
     }
     Ok(feed.bytes)
 }
@@ -161,13 +161,13 @@ impl Feed {
         }
     }
 
-    fn cycle(&mut self, input: &CycleInput<'_>) {
+    fn cycle(&mut self, input: &CycleInput<'_>, arm_m: [f32; 2]) {
         self.float(input.elapsed_s);
         self.word(u32::from(input.tag_height.is_some()));
         let TagHeight { mean_m, std_m } = input.tag_height.unwrap_or(TagHeight::exact(0.0));
         self.float(mean_m);
         self.float(std_m);
-        input.lever_arm_m.iter().for_each(|arm_m| self.float(*arm_m));
+        arm_m.into_iter().for_each(|arm_m| self.float(arm_m));
         let observations = input.observations();
         let frames: Vec<_> = observations
             .iter()

@@ -211,7 +211,8 @@ fn run<const A: usize>(
             observations.clear();
         }
         let (elapsed_s, height) = (reference_input.elapsed_s, reference_input.tag_height);
-        (single.lever_arm_m, double.lever_arm_m) = (reference_input.lever_arm_m, reference_input.lever_arm_m);
+        let arm_m = reference_input.arm_m(&setup_of_reference.config);
+        (single.lever_arm_m, double.lever_arm_m) = (arm_m, arm_m);
         let ours = single.cycle(&observations, elapsed_s, height);
         let precise = double.cycle(&observations, elapsed_s, height);
 

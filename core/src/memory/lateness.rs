@@ -16,7 +16,7 @@ pub const MOST_RANGES: f32 = 500.0;
 pub const FIRST_SHARE: f32 = 0.5;
 /// Guard: against certainty: least and most share.
 pub const SHARES: [f32; 2] = [0.01, 0.99];
-/// Guard: against the division by it: least mean excess, metres.
+/// Guard: against lost digits, where the excess is nothing beside the noise: least mean excess, metres.
 pub const LEAST_MEAN_M: f32 = 0.01;
 
 /// What is known of one anchor.
@@ -36,9 +36,13 @@ pub struct LatenessMemory<const ANCHORS: usize> {
 }
 
 impl<const ANCHORS: usize> LatenessMemory<ANCHORS> {
-    /// Half of all ranges are late, by `mean_m` metres on average; with 0, none ever is.
+    /// Half of all ranges are late, by `mean_m` metres on average, a centimetre at least; with 0, none ever is.
     pub fn new(mean_m: f32) -> Self {
-        let lateness = if mean_m > 0.0 { Lateness { share: FIRST_SHARE, mean_m } } else { Lateness::NONE };
+        let lateness = if mean_m > 0.0 {
+            Lateness { share: FIRST_SHARE, mean_m: larger(mean_m, LEAST_MEAN_M) }
+        } else {
+            Lateness::NONE
+        };
         Self { own: [Learnt { ranges: FIRST_RANGES, late: FIRST_LATE, lateness }; ANCHORS] }
     }
 

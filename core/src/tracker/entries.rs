@@ -168,8 +168,8 @@ impl<
     }
 
     /// From now on everything is received with an antenna that is this far ahead of the centre of the tag's body, and to its left
-    /// (metres, within 1 km). Where [`Config::has_heading`](crate::Config::has_heading), which way the body faces is estimated from
-    /// what the antennas tell.
+    /// (metres, within 1 km). With [`Config::has_heading`](crate::Config::has_heading), which way the body faces is estimated from what the
+    /// antennas tell; it is entered with the surroundings, by [`Self::tell`].
     ///
     /// # Errors
     /// [`Error::LeverArm`] where it is out of range, or no heading is estimated; [`Error::AlreadyBegun`]. Nothing has changed then.
@@ -179,7 +179,9 @@ impl<
         }
         let is_centre = lever_arm_m == [0.0; 2];
         // Written so that NaN fails.
-        if !lever_arm_m.iter().all(|arm_m| abs(*arm_m) <= 1000.0) || !(is_centre || self.config.has_heading) {
+        if !lever_arm_m.iter().all(|arm_m| abs(*arm_m) <= 1000.0)
+            || !(is_centre || self.filter().heading().is_some())
+        {
             return Err(Error::LeverArm);
         }
         self.lever_arm_m = lever_arm_m;

@@ -1,8 +1,8 @@
 //! The calibration as a file: what `cogmint track` takes, and constants for firmware.
 //!
-//! The tracker knows Gaussian errors alone. It is told ranges without bias and mean excess, the deviation that is left, how
-//! often a range is false, anchors where they were found, and the pulse; the bias that it may still estimate has the
-//! deviation that the calibration leaves. Paths in frames have no excess: they lose bias and peak offset.
+//! The tracker knows late ranges itself. It is told ranges without bias, their noise, the mean excess of late ones, how often a range
+//! is false, anchors where they were found, and the pulse; the bias that it may still estimate has the deviation that the
+//! calibration leaves. Paths in frames have no excess: they lose bias and peak offset.
 
 use super::pulse::PulseEstimate;
 use crate::cycle_choice::CycleChoice;

@@ -68,7 +68,7 @@ struct Outcome<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     lag_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    rmse_lag_m: Option<f64>,
+    rmse_lag_m: Option<Option<f64>>,
     virtual_anchors: &'a MapScore,
     #[serde(flatten)]
     consistency: &'a Consistency,
@@ -114,7 +114,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             cycles_scored: options.score,
             score,
             lag_s: options.lag,
-            rmse_lag_m: lagged.and_then(|lagged| lagged.rmse_m),
+            rmse_lag_m: lagged.map(|lagged| lagged.rmse_m),
             virtual_anchors: &run.map,
             consistency: &run.consistency,
             measurements_left_out: run.left_out,

@@ -124,7 +124,8 @@ impl<T: Real> LatenessMemory<T> {
     pub fn new(mean_m: f32, anchors: usize) -> Self {
         let mut lateness = Lateness::none();
         if mean_m > 0.0 {
-            lateness = Lateness { share: T::of(FIRST_SHARE), mean_m: T::of(mean_m) };
+            let mean_m = larger(T::of(mean_m), T::of(LEAST_MEAN_M));
+            lateness = Lateness { share: T::of(FIRST_SHARE), mean_m };
         }
         let own = Learnt { ranges: T::of(FIRST_RANGES), late: T::of(FIRST_LATE), lateness };
         Self(vec![own; anchors])

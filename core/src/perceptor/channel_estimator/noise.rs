@@ -46,6 +46,8 @@ pub struct Cut {
     pub own: [f32; 2],
 }
 
+/// Guard: against a level that rests on a handful of samples: most of a point's own energy that is taken out of it.
+pub const MOST_OWN: f32 = 0.15;
 /// Guard: against paths not yet found, in frames with phases, where they are subtracted one by one.
 pub const COMPLEX_CUT: Cut =
     Cut { levels: 5.0, kept: 0.993_262, relaxation: 0.5, self_share: 1.7, own: [1.0, 1.0] };
@@ -271,7 +273,7 @@ impl Cut {
     /// An energy over the level, without what the point itself has lifted that by: of `share` of the samples that the level rests on.
     pub(super) fn without_own(&self, energy: f32, share: f32) -> f32 {
         let [follows, kept] = self.own;
-        let own = share * follows;
+        let own = smaller(share * follows, MOST_OWN);
         energy * (1.0 - own) / (1.0 - own * (smaller(energy, self.levels) * kept))
     }
 }

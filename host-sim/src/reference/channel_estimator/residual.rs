@@ -7,7 +7,9 @@
 use super::{ChannelEstimate, ChannelEstimator, power};
 use crate::reference::real::{Real, floor, larger, smaller, speed_of_light, square};
 use cogmint_core::model::observation::Samples;
-use cogmint_core::perceptor::channel_estimator::noise::{COMPLEX_CUT, LENGTH_DECAYS, MAGNITUDE_CUT};
+use cogmint_core::perceptor::channel_estimator::noise::{
+    COMPLEX_CUT, LENGTH_DECAYS, MAGNITUDE_CUT, MOST_OWN,
+};
 use cogmint_core::perceptor::channel_estimator::residual::{FINEST, MOST, POINTS_PER_PULSE, STEPS};
 use cogmint_core::radio::pulse::MERGED;
 
@@ -73,7 +75,7 @@ impl<T: Real> ChannelEstimator<T> {
         // One of as many samples as a profile is long.
         let length_s = T::of(LENGTH_DECAYS) * self.profile[0];
         let by = if is_complex { &COMPLEX_CUT } else { &MAGNITUDE_CUT };
-        let own = self.pulse.effective_duration_s() / length_s * T::of(by.own[0]);
+        let own = smaller(self.pulse.effective_duration_s() / length_s * T::of(by.own[0]), T::of(MOST_OWN));
         let mut energies = Vec::new();
         let share = T::ONE / T::of_count(points);
         for n in 0..rest.len() {
