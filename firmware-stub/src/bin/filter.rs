@@ -98,7 +98,8 @@ fn run<const SURFACES: usize>(
     let reach_m = words.float()?;
     let start_m = words.pair()?;
     let (position_std_m, velocity_std_m_s) = (words.float()?, words.float()?);
-    let filter = slot.write(StateFilter::new(motion, reach_m, start_m, position_std_m, velocity_std_m_s, 0.0, 0.0));
+    let filter =
+        slot.write(StateFilter::new(motion, reach_m, start_m, position_std_m, velocity_std_m_s, 0.0, 0.0));
     let anchors_m = [words.pair()?, words.pair()?];
     for slot in 0..SURFACES {
         let is_wall = words.count()? != 0;
