@@ -18,7 +18,7 @@ fn figures() -> AgainstTruth {
     let restriction = Restriction { interference: vec![Disturbance::None], ..Restriction::default() };
     let rooms = (FIRST_SEED..).filter_map(|seed| {
         let room = room(seed, &restriction).expect("every seed has a room");
-        let drawn = serde_json::to_value(&room.drawn).expect("what is drawn is plain data");
+        let drawn = serde_json::to_value(room.drawn).expect("what is drawn is plain data");
         (drawn["radio"] == "dw1000-magnitude").then_some(room)
     });
     let mut tally = Tally::default();
