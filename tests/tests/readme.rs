@@ -59,13 +59,14 @@ const COMMANDS: [(&str, &[&str]); 36] = [
         &["experiment tracking --recording r --starts 1 --score even --calibration c.toml"],
     ),
     (
-        "cogmint track DIR [--seed N] [--variant NAME] [--calibration FILE] [--score CHOICE] [--table FILE] [--no-figure] [--json]",
+        "cogmint track DIR [--seed N] [--variant NAME] [--lag SECONDS] [--calibration FILE] [--score CHOICE] [--table FILE] [--no-figure] [--json]",
         &[
             "track r --seed 3 --variant direct --table t.csv --no-figure --json",
             "track r --calibration c.toml --score even --no-figure",
         ],
     ),
     ("cogmint track DIR", &["track r"]),
+    ("cogmint track DIR/drone-1 --lag 1", &["track r --lag 1 --no-figure"]),
     ("cogmint estimate DIR...", &["estimate r r"]),
     (
         "cogmint experiment estimator [--trials N] [--against all]",
