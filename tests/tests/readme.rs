@@ -7,7 +7,7 @@ use std::process::Command;
 /// Every `cogmint` command as the README writes it, and what is run for it in a folder that holds a scenario
 /// `room.toml`, a recording `r` and the ranges of [`write_inputs`]. `DATA` stands for the recordings that nobody here made:
 /// without them, such a line is left out.
-const COMMANDS: [(&str, &[&str]); 36] = [
+const COMMANDS: [(&str, &[&str]); 37] = [
     ("cogmint", &["--cycles 20"]),
     (
         "cogmint scenario list",
