@@ -1,17 +1,18 @@
 //! `cogmint calibrate` against planted biases, anchors that are elsewhere, and a pulse of another length: what it says must be
 //! right within the deviations that it claims, and a claim that is wrong must be seen.
 
+mod range_recording;
+
 use cogmint::calibrate::file::Calibration;
 use cogmint::calibrate::{Options, calibrate};
 use cogmint::channel::random::{Purpose, normal, stream, uniform};
 use cogmint::cycle_choice::CycleChoice;
 use cogmint::input_error::InputError;
-use cogmint::recording::{
-    Action, Anchor, Antenna, AssociationModel, Cycle, Frame, Motion, Radio, Range, Recording, Samples, Start,
-};
+use cogmint::recording::{Antenna, Cycle, Frame, Motion, Range, Recording, Samples};
 use cogmint_core::radio::pulse::Pulse;
 use cogmint_tests::outcome::{json, refused, text};
 use cogmint_tests::{Folder, cogmint};
+use range_recording::recording_of_ranges;
 use std::path::Path;
 
 /// Speed of light, metres per second.
@@ -23,8 +24,10 @@ const ANCHORS: [([f64; 2], f64); 5] =
 const ANCHOR_STD_M: f64 = 0.1;
 /// Noise, share with an excess, its mean, share of false ranges.
 const ERRORS: (f64, f64, f64, f64) = (0.1, 0.25, 0.4, 0.01);
-const LONGEST_M: f64 = 30.0;
 const TAG_HEIGHT_M: f64 = 1.0;
+
+/// Longest range, metres.
+const LONGEST_M: f64 = 30.0;
 
 /// What is planted.
 struct Planted {
@@ -88,58 +91,17 @@ fn planted(seed: u64, cycles: usize, antennas: bool) -> Planted {
     };
     let cycles = (0..cycles).map(cycle).collect();
     let antenna = |name: &str, arm_m| Antenna { name: name.into(), lever_arm_m: Some(arm_m) };
-    let recording = Recording {
-        name: format!("planted {seed}"),
-        source: String::new(),
-        motion: Motion {
-            acceleration_density_m2_s3: Some(density_m2_s3),
-            velocity_decay_s: Some(decay_s),
-            ..Motion::default()
-        },
-        start: Start {
-            position_m: [0.0, 0.0],
-            position_std_m: 1.0,
-            velocity_std_m_s: 0.3,
-            disc_radius_m: None,
-            drawn_about_m: None,
-        },
-        association: AssociationModel {
-            detection_probability: 0.95,
-            clutter_per_anchor: 0.05,
-            max_range_m: LONGEST_M,
-        },
-        radio: Radio {
-            pulse_duration_s: 2e-9,
-            roll_off: 0.5,
-            sampled_pulse: None,
-            sample_spacing_s: Some(1e-9),
-            gain_control: false,
-            range_std_m: 0.3,
-            range_bias_mean_m: 0.0,
-            range_bias_std_m: 0.3,
-            range_late_m: 0.0,
-            range_floor_pulses: None,
-        },
-        anchors: ANCHORS
-            .iter()
-            .enumerate()
-            .map(|(n, (position_m, height_m))| Anchor {
-                name: format!("anchor {n}"),
-                position_m: *position_m,
-                height_m: *height_m,
-            })
-            .collect(),
-        virtual_anchors: Vec::new(),
-        walls: Vec::new(),
-        plan: None,
-        antennas: if antennas {
-            vec![antenna("front", arms_m[0]), antenna("back", arms_m[1])]
-        } else {
-            Vec::new()
-        },
-        actions: vec![Action { carrier_hz: 4e9, pulse_duration_s: 2e-9 }],
-        cycles,
+    let motion = Motion {
+        acceleration_density_m2_s3: Some(density_m2_s3),
+        velocity_decay_s: Some(decay_s),
+        ..Motion::default()
     };
+    let mut recording = recording_of_ranges(format!("planted {seed}"), ANCHORS, motion, cycles);
+    recording.radio.sample_spacing_s = Some(1e-9);
+    recording.radio.range_bias_std_m = 0.3;
+    if antennas {
+        recording.antennas = vec![antenna("front", arms_m[0]), antenna("back", arms_m[1])];
+    }
     Planted { recording, biases_m, anchors_m, differences_m, way_m }
 }
 

@@ -1,14 +1,15 @@
 //! Ranges of a radio that is blocked now and then, of two antennas on one body, one range a cycle: what knowing of it is worth, and
 //! core and reference in every bit.
 
+mod range_recording;
+
 use cogmint::channel::random::{Purpose, normal, stream, uniform};
-use cogmint::recording::{
-    Action, Anchor, Antenna, AssociationModel, Cycle, Motion, Radio, Range, Recording, Start,
-};
+use cogmint::recording::{Antenna, Cycle, Motion, Range, Recording};
 use cogmint::replay::{LARGE_ANCHORS, Setup};
 use cogmint::track::track;
 use cogmint::verify::verify;
-use cogmint_core::{Anchor as CoreAnchor, Config, Error, Map, Tracker};
+use cogmint_core::{Anchor, Config, Error, Map, Tracker};
+use range_recording::recording_of_ranges;
 use std::path::Path;
 
 /// Anchors about a hall, metres.
@@ -50,51 +51,20 @@ fn flight(seed: u64, cycles: usize) -> Recording {
         }
     };
     let antenna = |name: &str, arm_m: f64| Antenna { name: name.into(), lever_arm_m: Some([arm_m, 0.0]) };
-    let anchor = |(n, position_m): (usize, &[f64; 2])| Anchor {
-        name: format!("anchor {n}"),
-        position_m: *position_m,
-        height_m: 0.0,
+    let motion = Motion {
+        acceleration_density_m2_s3: Some(density_m2_s3),
+        velocity_decay_s: Some(decay_s),
+        ..Motion::default()
     };
-    Recording {
-        name: format!("flight {seed}"),
-        source: String::new(),
-        cycles: (0..cycles).map(cycle).collect(),
-        motion: Motion {
-            acceleration_density_m2_s3: Some(density_m2_s3),
-            velocity_decay_s: Some(decay_s),
-            ..Motion::default()
-        },
-        start: Start {
-            position_m: [0.0, 0.0],
-            position_std_m: 1.0,
-            velocity_std_m_s: 0.3,
-            disc_radius_m: None,
-            drawn_about_m: None,
-        },
-        association: AssociationModel {
-            detection_probability: 0.95,
-            clutter_per_anchor: 0.01,
-            max_range_m: 30.0,
-        },
-        radio: Radio {
-            pulse_duration_s: 2e-9,
-            roll_off: 0.5,
-            sampled_pulse: None,
-            sample_spacing_s: None,
-            gain_control: false,
-            range_std_m: NOISE_M,
-            range_bias_mean_m: 0.0,
-            range_bias_std_m: 0.1,
-            range_late_m: 1.0,
-            range_floor_pulses: None,
-        },
-        anchors: ANCHORS_M.iter().enumerate().map(anchor).collect(),
-        virtual_anchors: Vec::new(),
-        walls: Vec::new(),
-        plan: None,
-        antennas: vec![antenna("front", ARM_M), antenna("back", -ARM_M)],
-        actions: vec![Action { carrier_hz: 4e9, pulse_duration_s: 2e-9 }],
-    }
+    let anchors = ANCHORS_M.map(|position_m| (position_m, 0.0));
+    let cycles = (0..cycles).map(cycle).collect();
+    let mut recording = recording_of_ranges(format!("flight {seed}"), anchors, motion, cycles);
+    recording.association.clutter_per_anchor = 0.01;
+    recording.radio.range_std_m = NOISE_M;
+    recording.radio.range_bias_std_m = 0.1;
+    recording.radio.range_late_m = 1.0;
+    recording.antennas = vec![antenna("front", ARM_M), antenna("back", -ARM_M)];
+    recording
 }
 
 /// Root mean square errors in metres, at once and a second later, and the NEES, over some flights.
@@ -165,7 +135,7 @@ fn core_and_reference_agree_in_every_bit() {
 #[test]
 fn an_antenna_beside_the_centre_needs_a_heading() {
     type Small = Tracker<1, 2, 2, 2, 4, 2, 2, 0>;
-    let anchors = [CoreAnchor { position_m: [0.0, 0.0], height_m: 0.0 }];
+    let anchors = [Anchor { position_m: [0.0, 0.0], height_m: 0.0 }];
     let library = &cogmint_core::radio::library::LIBRARY_DW3000;
     let mut plain = Small::new(Config::default(), &anchors, &Map::default(), library, 1).unwrap();
     assert_eq!(plain.switch_antenna([0.2, 0.0]), Err(Error::LeverArm));

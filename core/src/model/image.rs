@@ -95,6 +95,7 @@ impl Image {
     /// The image of an anchor in a surface whose two numbers are `state`.
     pub fn first([x, y]: [f32; 2], surface: &Surface, state: &Vector2<f32>) -> Self {
         let (position_m, slope, curvature) = match surface {
+            // Nothing is seen in a heading.
             Surface::Private | Surface::Heading { .. } => {
                 (*state, Matrix2::new(1.0, 0.0, 0.0, 1.0), [NOWHERE; 2])
             }

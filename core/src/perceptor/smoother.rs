@@ -69,9 +69,14 @@ impl<const LAG: usize> FixedLag<LAG> {
             // There is room.
             let _ = self.kept.push_back(Kept { agent: last, step, elapsed_s, has_leapt });
         }
+        let is_full = self.kept.is_full();
+        // Order: from the last back, as below.
+        let oldest_s = self.kept.iter().rev().fold(0.0, |age_s, kept| age_s + kept.elapsed_s);
+        if !(is_full || oldest_s >= self.lag_s) {
+            return;
+        }
         let (mut age_s, mut smoothed) = (0.0, agent);
         let mut finished = 0;
-        let is_full = self.kept.is_full();
         for (number, kept) in self.kept.iter().enumerate().rev() {
             smoothed = if kept.has_leapt { kept.agent } else { kept.smoothed(&smoothed) };
             age_s += kept.elapsed_s;

@@ -93,7 +93,8 @@ pub struct StateFilter<const ANCHORS: usize, const SURFACES: usize> {
 }
 
 impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES> {
-    /// A tag somewhere around `position_m` with no surfaces, of which never less is known than that it is within `reach_m`, metres. A `bias_std_m` of 0 switches the biases off
+    /// A tag somewhere around `position_m` with no surfaces, of which never less is known than that it is within `reach_m`, metres.
+    /// A `bias_std_m` of 0 switches the biases off
     /// (they stay at `bias_mean_m`).
     #[inline(always)] // built where it stays
     pub fn new(

@@ -1,6 +1,6 @@
 //! The ways in: construction, a whole cycle at once, and a cycle by its observations.
 
-use super::start::{enter_plan, enter_virtual_anchors};
+use super::start::{enter_heading, enter_plan, enter_virtual_anchors};
 use super::{Begun, Tracker};
 use crate::config::Config;
 use crate::controller::{Controller, Controllers};
@@ -8,7 +8,7 @@ use crate::error::{Error, Setting};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::Discovery;
-use crate::memory::environment::{EnvironmentMemory, Origin, TOLD};
+use crate::memory::environment::EnvironmentMemory;
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
@@ -75,13 +75,8 @@ impl<
             checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
         }
         let Config { start, ranging, .. } = config;
-        let mut environment = EnvironmentMemory::default();
-        if config.has_heading {
-            let Some(last) = SURFACES.checked_sub(1) else {
-                return Err(Error::Configuration(Setting::Heading));
-            };
-            // No surface of the map takes its place.
-            environment.insert_surface(last, TOLD, Origin::Plan);
+        if config.has_heading && SURFACES == 0 {
+            return Err(Error::Configuration(Setting::Heading));
         }
         Ok(Self {
             receiver: Receiver::new(
@@ -105,7 +100,7 @@ impl<
                 Region::reached(&checked, ranging.max_range_m),
                 config.belief,
             ),
-            environment,
+            environment: EnvironmentMemory::default(),
             transmission: TransmissionMemory::default(),
             discovery: Discovery::new(config.discovery_settings),
             clutter: ClutterMemory::new(config.association, &ranging),
@@ -157,7 +152,7 @@ impl<
         }
         belief.tell(|filter| {
             if config.has_heading {
-                filter.insert_heading(config.belief.turns_per_s);
+                enter_heading(filter, environment, config.belief.turns_per_s);
             }
             enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);
             if let Some(told) = &map.plan {

@@ -10,6 +10,18 @@ use crate::model::surface::Surface;
 use crate::perceptor::state_filter::StateFilter;
 use nalgebra::Vector2;
 
+/// Enters the heading of the tag's body, in the last slot: no surface of the map takes its place.
+#[inline(never)]
+pub(super) fn enter_heading<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(
+    filter: &mut StateFilter<ANCHORS, SURFACES>,
+    environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
+    turns_per_s: f32,
+) {
+    if filter.insert_heading(turns_per_s) {
+        environment.insert_surface(SURFACES - 1, TOLD, Origin::Plan);
+    }
+}
+
 /// Enters virtual anchors told by their positions, each with a private surface, in order from the first slots.
 #[inline(never)]
 pub(super) fn enter_virtual_anchors<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize>(

@@ -1,8 +1,7 @@
 //! `cogmint calibrate`: antenna delays, anchors and pulse from recordings.
 
-use super::{check_writable, print, print_json, recordings_in};
+use super::{Format, check_writable, print, print_json, recordings_in};
 use crate::Failure;
-use clap::ValueEnum;
 use cogmint::calibrate::file::Calibration;
 use cogmint::calibrate::{Options as Asked, calibrate};
 use cogmint::cycle_choice::CycleChoice;
@@ -37,16 +36,6 @@ pub struct Options {
     /// Print one JSON object.
     #[arg(long, conflicts_with = "format")]
     json: bool,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// For people.
-    Table,
-    /// As `--out` writes it.
-    Toml,
-    /// Constants for firmware.
-    Rust,
 }
 
 fn metres_up_to_100(text: &str) -> Result<f64, String> {

@@ -126,6 +126,17 @@ fn recording_or_room(
     }
 }
 
+/// How what a device is told is printed.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    /// For people.
+    Table,
+    /// As a file keeps it.
+    Toml,
+    /// Constants for firmware.
+    Rust,
+}
+
 /// A recording as the tracker is told it: with a calibration where one is given, and the truth of the cycles to be scored.
 fn told_recording(
     folder: &Path,

@@ -1,8 +1,7 @@
 //! `cogmint plan`: what a device is told of a floor plan.
 
-use super::{print, print_json};
+use super::{Format, print, print_json};
 use crate::Failure;
-use clap::ValueEnum;
 use cogmint::floor_plan::check::{Check, check};
 use cogmint::floor_plan::export::Export;
 use cogmint::input_error::InputError;
@@ -27,16 +26,6 @@ pub struct Options {
     /// Print one JSON object.
     #[arg(long, conflicts_with = "format")]
     json: bool,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// For people.
-    Table,
-    /// As a recording keeps it.
-    Toml,
-    /// Constants for firmware.
-    Rust,
 }
 
 pub fn run(options: &Options) -> Result<(), Failure> {

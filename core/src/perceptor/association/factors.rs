@@ -74,11 +74,10 @@ impl<const PATHS: usize> Row<PATHS> {
             let innovation = measurement.range_m - expectation.range_m;
             let variance = expectation.variance_m2 + measurement.variance_m2;
             let nis = innovation * innovation / variance;
-            let lateness = &expectation.lateness;
-            if measurement.is_range() && lateness.is_any() {
+            if let Some(timing) = expectation.timing(measurement) {
                 let std = sqrt(variance);
-                if innovation > -(GATE * std) && innovation < lateness.reach_m(GATE, std) {
-                    *factor = detected * lateness.timing(innovation, variance).per_m / per_m;
+                if innovation > -(GATE * std) && innovation < expectation.lateness.reach_m(GATE, std) {
+                    *factor = detected * timing.per_m / per_m;
                 }
             } else if nis < GATE * GATE {
                 *factor = detected * exp(-0.5 * nis) / (sqrt(TAU * variance) * per_m);

@@ -2,11 +2,11 @@
 
 use super::background::Background;
 use super::{Belief, Beliefs, Mode, associate};
-use crate::model::lateness::{Lateness, Timing};
+use crate::model::lateness::Timing;
 use crate::model::measurement::Clutter;
 use crate::model::range::Regression;
 use crate::model::soft_update::{LEAST_WEIGHT, Moments};
-use crate::perceptor::expectation::Expectations;
+use crate::perceptor::expectation::{Expectation, Expectations};
 use crate::perceptor::scan::Scan;
 
 /// A scan, its expectations and the beliefs about them.
@@ -52,18 +52,14 @@ impl<const SOURCES: usize, const PATHS: usize> AssociatedScan<'_, SOURCES, PATHS
         let expectations = core::iter::once(&self.expected.direct_path).chain(&self.expected.expectations);
         let features = self.features().zip(expectations);
         features.filter_map(|((regression, belief), expected)| {
-            innovation(regression, self.scan, belief, &expected.lateness)
+            innovation(regression, expected, self.scan, belief)
         })
     }
 
     /// What the ranges of the scan say of how late they are, each with the probability that it is of the direct path.
     pub fn timings(&self) -> impl Iterator<Item = (Timing, f32)> + '_ {
-        let Expectations { direct, direct_path, .. } = &self.expected;
         let ranges = self.scan.measurements.iter().zip(&self.beliefs.direct.associated);
-        ranges.filter(|(measurement, _)| measurement.is_range()).map(|(measurement, p)| {
-            let variance_m2 = direct.variance_m2() + measurement.variance_m2;
-            (direct_path.lateness.timing(measurement.range_m - direct.range_m, variance_m2), *p)
-        })
+        ranges.filter_map(|(measurement, p)| Some((self.expected.direct_path.timing(measurement)?, *p)))
     }
 
     /// Number of measurements, and how many of them more likely than not belong to a known source.
@@ -108,17 +104,16 @@ pub fn associate_scan<'a, const SOURCES: usize, const PATHS: usize>(
 /// Sums up the measurements associated with a source; `None` where hardly any probability is.
 fn innovation<const PATHS: usize>(
     regression: &Regression,
+    expected: &Expectation,
     scan: &Scan<PATHS>,
     belief: &Belief<PATHS>,
-    lateness: &Lateness,
 ) -> Option<Innovation> {
     let mut moments = Moments::default();
     let (mut variance, mut alike) = (0.0, 0.0);
     for (measurement, &p) in scan.measurements.iter().zip(&belief.associated) {
         let nu = measurement.range_m - regression.range_m;
         moments.weight += p;
-        if lateness.is_any() && measurement.is_range() {
-            let timing = lateness.timing(nu, regression.variance_m2() + measurement.variance_m2);
+        if let Some(timing) = expected.timing(measurement) {
             moments.first_m += p * timing.first_m;
             moments.second_m2 += p * timing.second_m2;
         } else {

@@ -10,7 +10,8 @@ use self::overlap::{Arrival, Nearness, Overlap};
 use super::scan::Scan;
 use crate::model::channel::ChannelPrior;
 use crate::model::detection::{HIDDEN_DETECTION, UNAVAILABLE_DETECTION, detection_probability};
-use crate::model::lateness::Lateness;
+use crate::model::lateness::{Lateness, Timing};
+use crate::model::measurement::Measurement;
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
 use crate::real::{limited, smaller};
@@ -29,6 +30,17 @@ pub struct Expectation {
     pub detection: f32,
     /// How late ranges to it are.
     pub lateness: Lateness,
+}
+
+impl Expectation {
+    /// What a measurement says, were it of this feature, where that may be late; `None` where it is on time or not at all.
+    pub fn timing(&self, measurement: &Measurement) -> Option<Timing> {
+        if !measurement.is_range() || !self.lateness.is_any() {
+            return None;
+        }
+        let innovation_m = measurement.range_m - self.range_m;
+        Some(self.lateness.timing(innovation_m, self.variance_m2 + measurement.variance_m2))
+    }
 }
 
 /// What is known of a source before a scan.

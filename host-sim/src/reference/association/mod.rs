@@ -26,7 +26,7 @@ pub mod exact;
 pub mod outcome;
 
 use super::Matrix;
-use super::lateness::Lateness;
+use super::lateness::{Lateness, Timing};
 use super::outage::weigh;
 use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square, tau};
 use cogmint_core::model::detection::{LEAST_FALSE_ALARM, LOGISTIC};
@@ -70,6 +70,14 @@ pub struct Expectation<T> {
     pub detection: T,
     /// How late ranges to it are.
     pub lateness: Lateness<T>,
+}
+
+impl<T: Real> Expectation<T> {
+    /// What a range says that may be late, were it this feature's; nothing of others.
+    pub fn timing(&self, z: &Measurement<T>) -> Option<Timing<T>> {
+        let may_be_late = z.sinr == T::ZERO && self.lateness.is_any();
+        may_be_late.then(|| self.lateness.timing(z.range_m - self.range_m, self.variance_m2 + z.variance_m2))
+    }
 }
 
 /// Intensities of measurements of unknown origin, per metre.
@@ -342,10 +350,9 @@ fn likelihood<T: Real>(feature: &Expectation<T>, measurement: &Measurement<T>, p
     let innovation = measurement.range_m - feature.range_m;
     let variance = feature.variance_m2 + measurement.variance_m2;
     let nis = square(innovation) / variance;
-    if measurement.sinr == T::ZERO && feature.lateness.is_any() {
+    if let Some(timing) = feature.timing(measurement) {
         let [shortest_m, longest_m] = feature.lateness.gate_m(GATE, sqrt(variance));
         return if innovation > shortest_m && innovation < longest_m {
-            let timing = feature.lateness.timing(innovation, variance);
             feature.existence * feature.detection * timing.per_m / per_m
         } else {
             T::ZERO

@@ -54,14 +54,11 @@ impl<T: Real> Outcome<T> {
             let mut moments = Moments::none();
             let (mut variance, mut alike) = (T::ZERO, T::ZERO);
             for (z, &p) in self.scan.measurements.iter().zip(&belief.associated) {
-                let innovation = z.range_m - regression.range_m;
-                if feature.lateness.is_any() && z.sinr == T::ZERO {
-                    let timing =
-                        feature.lateness.timing(innovation, regression.variance_m2() + z.variance_m2);
-                    let [first_m, second_m2] = timing.moments;
-                    moments.add_moments(p, first_m, second_m2);
-                } else {
-                    moments.add(p, innovation);
+                match feature.timing(z) {
+                    Some(Timing { moments: [first_m, second_m2], .. }) => {
+                        moments.add_moments(p, first_m, second_m2);
+                    }
+                    None => moments.add(p, z.range_m - regression.range_m),
                 }
                 variance += p * z.variance_m2;
                 if z.sinr > T::ZERO
@@ -81,14 +78,10 @@ impl<T: Real> Outcome<T> {
 
     /// What its ranges say of how late they are, each with the probability that it is of the direct path.
     pub fn timings(&self) -> Vec<(Timing<T>, T)> {
-        let Expected { regression, feature, .. } = &self.expected[0];
+        let feature = &self.expected[0].feature;
         let mut timings = Vec::new();
         for (z, p) in self.scan.measurements.iter().zip(&self.beliefs.features[0].associated) {
-            if z.sinr == T::ZERO {
-                let innovation = z.range_m - regression.range_m;
-                let timing = feature.lateness.timing(innovation, regression.variance_m2() + z.variance_m2);
-                timings.push((timing, *p));
-            }
+            timings.extend(feature.timing(z).map(|timing| (timing, *p)));
         }
         timings
     }
