@@ -59,6 +59,7 @@ impl Lateness {
     }
 
     /// What a range says with this innovation, metres, of this variance, square metres; its measurement noise included.
+    #[inline(never)] // out of the way of ranges that are never late
     pub fn timing(&self, innovation_m: f32, variance_m2: f32) -> Timing {
         let Self { share, mean_m } = *self;
         let std_m = sqrt(variance_m2);

@@ -34,6 +34,7 @@ pub struct Expectation {
 
 impl Expectation {
     /// What a measurement says, were it of this feature, where that may be late; `None` where it is on time or not at all.
+    #[inline]
     pub fn timing(&self, measurement: &Measurement) -> Option<Timing> {
         if !measurement.is_range() || !self.lateness.is_any() {
             return None;
