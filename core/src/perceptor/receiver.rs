@@ -224,7 +224,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
             first_sample_delay_s: frame.first_sample_delay_s,
             sample_spacing_s: radio.sample_spacing_s,
             elapsed_s,
-            threshold: estimator.threshold(&frame.samples),
+            threshold: estimate.threshold,
             resolution_m: pulse_m,
             alike_m2: ranging.alike_m2(pulse_m, elapsed_s),
         });

@@ -250,6 +250,12 @@ fn print_summary(summary: &Summary) {
         summary.links,
         summary.frames
     ));
+    print(&format!(
+        "  frames without a path {}, with one at the first path {}; paths ahead of it {:.3} per frame",
+        percent(Some(summary.without_path_share)),
+        percent(Some(summary.first_path_share)),
+        summary.paths_ahead_per_frame
+    ));
     let share = |what: &str, share: &Option<Share>| {
         if let Some(share) = share {
             print(&format!(

@@ -31,6 +31,10 @@ pub struct Link {
     pub frames_without_path: usize,
     /// Mean number of paths per frame.
     pub paths_per_frame: f64,
+    /// Those of them that are ahead of the first path by more than a pulse duration.
+    pub paths_ahead_per_frame: f64,
+    /// Share of the frames with a path within a pulse duration of the first one.
+    pub first_path_share: f64,
     /// Range of the first path, metres.
     pub first_path_range_m: Option<Spread>,
     /// The radio's own range, metres, over the frames that have one.
@@ -109,6 +113,16 @@ pub fn links(recording: &Recording, frames: &[EstimatedFrame]) -> Vec<Link> {
 
 fn link(recording: &Recording, anchor: usize, name: &str, frames: &[&EstimatedFrame]) -> Link {
     let count = frames.len() as f64;
+    // Of every path, how much later than the first path it is, in pulse durations.
+    let pulse_s = recording.actions.iter().map(|action| action.pulse_duration_s).fold(0.0, f64::max);
+    let later = |frame: &EstimatedFrame| -> Vec<f64> {
+        let first = frame.first_path.iter().map(|first| first.delay_s);
+        first
+            .flat_map(|first_s| frame.paths.iter().map(move |path| (path.delay_s - first_s) / pulse_s))
+            .collect()
+    };
+    let ahead = |frame: &&EstimatedFrame| later(frame).iter().filter(|later| **later < -1.0).count();
+    let has_first = |frame: &&&EstimatedFrame| later(frame).iter().any(|later| later.abs() <= 1.0);
     let first = |frame: &&EstimatedFrame| frame.first_path.map(|path| path.range_m);
     let free: Option<Vec<bool>> = frames.iter().map(|frame| frame.line_of_sight).collect();
     let strongest_db = frames.iter().filter_map(|frame| {
@@ -123,6 +137,8 @@ fn link(recording: &Recording, anchor: usize, name: &str, frames: &[&EstimatedFr
         frames: frames.len(),
         frames_without_path: frames.iter().filter(|frame| frame.paths.is_empty()).count(),
         paths_per_frame: frames.iter().map(|frame| frame.paths.len()).sum::<usize>() as f64 / count,
+        paths_ahead_per_frame: frames.iter().map(ahead).sum::<usize>() as f64 / count,
+        first_path_share: frames.iter().filter(has_first).count() as f64 / count,
         first_path_range_m: Spread::of(frames.iter().filter_map(first)),
         radio_range_m: Spread::of(frames.iter().filter_map(|frame| frame.radio_range_m)),
         first_path_error_m: Spread::of(

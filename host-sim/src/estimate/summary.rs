@@ -13,6 +13,12 @@ pub struct Summary {
     pub links: usize,
     /// Frames of these.
     pub frames: usize,
+    /// Share of these without any path.
+    pub without_path_share: f64,
+    /// Share of them with a path within a pulse duration of the first one.
+    pub first_path_share: f64,
+    /// Paths per frame that are ahead of the first one by more than that.
+    pub paths_ahead_per_frame: f64,
     /// Share of the links whose first-path range spreads no more than the radio's own range. Where the true range is
     /// known, the errors of both are compared.
     pub range_spread_no_larger: Option<Share>,
@@ -82,10 +88,18 @@ fn summary(line_of_sight: Option<bool>, links: &[&Link]) -> Summary {
     };
     let first_path = |link: &Link| Some(link.registered?.first_path_m);
     let radio_first_path = |link: &Link| link.registered?.radio_first_path_m;
+    let frames: usize = links.iter().map(|link| link.frames).sum();
+    // Of all frames, whichever link they are of.
+    let mean = |of: &dyn Fn(&Link) -> f64| {
+        links.iter().map(|link| of(link) * link.frames as f64).sum::<f64>() / frames as f64
+    };
     Summary {
         line_of_sight,
         links: links.len(),
-        frames: links.iter().map(|link| link.frames).sum(),
+        frames,
+        without_path_share: mean(&|link| link.frames_without_path as f64 / link.frames as f64),
+        first_path_share: mean(&|link| link.first_path_share),
+        paths_ahead_per_frame: mean(&|link| link.paths_ahead_per_frame),
         range_spread_no_larger: compared(
             &|link| link.first_path_error_m.or(link.first_path_range_m),
             &|link| link.radio_error_m.or(link.radio_range_m),

@@ -217,7 +217,7 @@ impl<T: Real> Receiver<T> {
         let first_sample_delay_s = T::of(frame.first_sample_delay_s);
         let estimator = self.estimator(pulse);
         let estimate = estimator.estimate(frame.samples, first_sample_delay_s);
-        let threshold = estimator.threshold(&frame.samples);
+        let threshold = estimate.threshold;
         let longest_m = T::of(self.ranging.max_range_m);
         let estimator = self.estimator(pulse);
         let mut residual = estimator.residual(frame.samples, first_sample_delay_s, &estimate, longest_m);

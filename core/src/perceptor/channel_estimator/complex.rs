@@ -9,11 +9,12 @@
 //! Loop: add the path with the largest gain if it exceeds kappa; move delays to the maximum of the matched filter
 //! without the other paths, until they stand still; re-estimate every g; prune what fell below kappa and merge what ran
 //! together. The noise level is fitted to the residual once no strong path is left, and follows every path from then
-//! on. Bounded by `PATHS + 4` rounds.
+//! on. Bounded by `PATHS + 4` rounds. The first path is that at the response's beginning, if the level leaves it its threshold.
 //!
 //! Paths stay in order of delay, so that G falls into blocks of neighbours and each sample knows the few paths that
 //! reach it.
 
+use super::beginning::{Beginning, Tail};
 use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
 use super::noise::{COMPLEX_CUT, CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
@@ -59,6 +60,8 @@ struct Fit<'a, const PATHS: usize> {
     floor: f32,
     /// Sigma.
     posterior: Symmetric<PATHS>,
+    /// kappa in this frame.
+    threshold: f32,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -69,7 +72,10 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(power), samples.len());
         let strongest = samples.iter().map(power).fold(0.0, larger);
-        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len());
+        let powers = |n: usize| samples.get(n).map_or(0.0, power);
+        let beginning = Beginning::find(powers, samples.len(), self.sample_spacing_s, self.threshold * white);
+        let node = beginning.map_or(0, |beginning| beginning.sample);
+        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len(), node);
         let mut estimate = self.without_paths(NoiseLevel::open(white, &steps));
         let mut fit = Fit {
             estimator: self,
@@ -79,9 +85,19 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             steps,
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
+            threshold: self.threshold,
         };
+        if let Some(Beginning { sample, .. }) = beginning {
+            fit.begin(sample);
+        }
         for _ in 0..FIRST_REFINEMENTS {
             fit.fit_noise();
+        }
+        if let Some(Beginning { ahead, .. }) = beginning {
+            fit.measure_tail(ahead);
+            fit.set_levels();
+            fit.settle();
+            fit.rest();
         }
         let mut refined = false;
         for _ in 0..PATHS + SPARE_ROUNDS {
@@ -91,7 +107,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 fit.settle();
             }
             let mut candidate = fit.strongest();
-            let strong = candidate.is_some_and(|candidate| candidate.gain >= DOUBTFUL * self.threshold);
+            let strong = candidate.is_some_and(|candidate| candidate.gain >= DOUBTFUL * fit.threshold);
             if !refined && (!strong || fit.components.is_full()) {
                 refined = true;
                 for _ in 0..REFINEMENTS {
@@ -104,13 +120,9 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             if !candidate.is_some_and(|candidate| fit.add(candidate)) {
                 break;
             }
-            for _ in 0..PASSES {
-                if !fit.move_delays() {
-                    break;
-                }
-                fit.settle();
-            }
+            fit.rest();
         }
+        estimate.threshold = fit.threshold;
         fit.take_paths(first_sample_delay_s, &mut estimate.paths);
         estimate.dense = self.dense_multipath(&estimate.noise, first_sample_delay_s);
         estimate
@@ -118,6 +130,42 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
 }
 
 impl<const PATHS: usize> Fit<'_, PATHS> {
+    /// The path at the response's beginning, sample `n`, as it is in white noise.
+    fn begin(&mut self, n: usize) {
+        let powers = |n: Option<usize>| n.and_then(|n| self.samples.get(n)).map_or(0.0, power);
+        let here = powers(Some(n));
+        let position = n as f32 + parabola_vertex(powers(n.checked_sub(1)), here, powers(Some(n + 1)));
+        let matched = self.estimator.interpolation.at(self.samples, position);
+        let mut component = Component::new(position, matched, &self.estimator.table);
+        component.set_level(self.noise.white);
+        component.gain = here / self.noise.white;
+        component.prior = component.gain;
+        self.add(component);
+    }
+
+    /// The threshold, from the tail of the noise in so many samples ahead of the response.
+    fn measure_tail(&mut self, ahead: usize) {
+        let mut walk = LevelWalk::new(self.noise, &self.steps);
+        let mut tail = Tail::new();
+        for sample in self.samples.iter().take(ahead) {
+            tail.add(power(sample) / walk.next());
+        }
+        self.threshold = tail.threshold(self.estimator.threshold);
+        for component in &mut self.components {
+            component.threshold = tail.threshold(self.estimator.beginning_threshold);
+        }
+    }
+
+    /// Moves delays until they stand still.
+    fn rest(&mut self) {
+        for _ in 0..PASSES {
+            if !self.move_delays() {
+                break;
+            }
+            self.settle();
+        }
+    }
+
     /// One pass over the residual refines the levels of white noise and dense multipath.
     fn fit_noise(&mut self) {
         let table = &self.estimator.table;
@@ -212,7 +260,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// The path with the largest gain above kappa.
     fn strongest(&self) -> Option<Component> {
         let table = &self.estimator.table;
-        let mut best = (None, SCALLOPING * self.estimator.threshold);
+        let mut best = (None, SCALLOPING * self.threshold);
         let mut walk = LevelWalk::new(self.noise, &self.steps);
         let mut reach = Reach::new(&self.components);
         let mut n = 0;
@@ -247,7 +295,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         let s = larger(residual.s, SMALLEST_S);
         let q2 = residual.power / level;
         let gain = larger(gain, q2 / s);
-        if gain <= self.estimator.threshold {
+        if gain <= self.threshold {
             return None;
         }
         let mut component = Component::new(position, matched, table);
@@ -255,6 +303,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         component.prior = larger((q2 - s) / (s * s), 1.0);
         component.amplitude = residual.amplitude;
         component.gain = gain;
+        component.threshold = self.threshold;
         Some(component)
     }
 
@@ -443,8 +492,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     fn weakest_or_merged(&self) -> Option<usize> {
         let mut drop: Option<(usize, f32)> = None;
         for (k, component) in self.components.iter().enumerate() {
-            if component.gain < self.estimator.threshold && drop.is_none_or(|(_, gain)| component.gain < gain)
-            {
+            if component.gain < component.threshold && drop.is_none_or(|(_, gain)| component.gain < gain) {
                 drop = Some((k, component.gain));
             }
         }

@@ -29,6 +29,8 @@ pub(super) struct Component {
     pub amplitude: Complex,
     /// Marginal-likelihood gain |q|^2 / s without this component's own share.
     pub gain: f32,
+    /// kappa: with less gain it is none.
+    pub threshold: f32,
 }
 
 impl Component {
@@ -45,6 +47,7 @@ impl Component {
             matched,
             amplitude: matched,
             gain: 0.0,
+            threshold: 0.0,
         };
         component.move_to(position, matched, table);
         component

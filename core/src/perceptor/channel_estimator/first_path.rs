@@ -17,6 +17,7 @@
 //! The response is first limited to the pulse's band: beyond it there is noise, and the distortion of a receiver that
 //! strong paths drive to its limits.
 
+use super::beginning::SEARCH_S;
 use super::interpolation::{BEFORE, TAPS};
 use super::noise::white_level;
 use super::{Pulse, detection_threshold};
@@ -24,9 +25,6 @@ use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::PulseTable;
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, sqrt};
 
-/// Mathematics: how far before the strongest sample the first path is sought, seconds: three decay times of 20 ns, that of
-/// dense multipath in offices; 5 % of its energy are later than that.
-const SEARCH_S: f32 = 3.0 * 20e-9;
 /// Guard: against the radio's own floor: the noise ahead is taken from this many times as much before the search, so many
 /// times more often has that floor had the chance to be as loud there as where it is mistaken for a path.
 const AHEAD_SEARCHES: usize = 4;

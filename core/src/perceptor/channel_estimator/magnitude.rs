@@ -16,7 +16,8 @@
 //! (a - sum_j a_j |R(tau - tau_j)|)^2, exceeds kappa lambda: side lobes stay out by the pulse's own shape. A path
 //! whose pulse is cut off by the frame's ends (half a pulse) is not looked for.
 
-use super::noise::{CutPowers, LevelSteps, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level};
+use super::beginning::{Beginning, Tail};
+use super::noise::{CutPowers, LevelSteps, LevelWalk, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimate, ChannelEstimator, Path, SPARE_ROUNDS};
 use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
@@ -54,6 +55,8 @@ struct Peak {
     level: f32,
     /// Energy that the other paths cannot explain, over the level.
     gain: f32,
+    /// kappa: with no more gain it is none.
+    threshold: f32,
 }
 
 /// A frame and what is known of it.
@@ -63,6 +66,8 @@ struct Search<'a, const PATHS: usize> {
     peaks: Vec<Peak, PATHS>,
     noise: &'a mut NoiseLevel,
     triple: Triple,
+    /// kappa in this frame.
+    threshold: f32,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -73,30 +78,45 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(|m| m * m), samples.len());
         let strongest = samples.iter().map(|m| m * m).fold(0.0, larger);
-        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len());
+        let powers = |n: usize| samples.get(n).map_or(0.0, |m| m * m);
+        let threshold = self.magnitude_threshold * white;
+        let beginning = Beginning::find(powers, samples.len(), self.sample_spacing_s, threshold);
+        let node = beginning.map_or(0, |beginning| beginning.sample);
+        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len(), node);
         let mut estimate = self.without_paths(NoiseLevel::open(white, &steps));
-        let mut search = Search {
+        let mut fit = Search {
             estimator: self,
             samples,
             peaks: Vec::new(),
             noise: &mut estimate.noise,
             triple: Triple::new(&self.table),
+            threshold: self.magnitude_threshold,
         };
+        if let Some(peak) = beginning.and_then(|beginning| fit.fit(None, beginning.sample)) {
+            // There is room.
+            let _ = fit.peaks.push(peak);
+        }
         for _ in 0..FIRST_REFINEMENTS {
-            search.fit_noise(&steps, level_floor(strongest));
+            fit.fit_noise(&steps, level_floor(strongest));
+        }
+        if let Some(Beginning { ahead, .. }) = beginning {
+            fit.measure_tail(ahead, &steps);
+            fit.refit();
         }
         for round in 0..PATHS + SPARE_ROUNDS {
-            if round > 0 {
+            // A path at the beginning that is none was left out of the level.
+            if round > 0 || beginning.is_some() {
                 for _ in 0..REFINEMENTS {
-                    search.fit_noise(&steps, level_floor(strongest));
+                    fit.fit_noise(&steps, level_floor(strongest));
                 }
-                search.refit();
+                fit.refit();
             }
-            if !search.add_strongest() {
+            if !fit.add_strongest() {
                 break;
             }
         }
-        search.take_paths(first_sample_delay_s, &mut estimate.paths);
+        estimate.threshold = fit.threshold;
+        fit.take_paths(first_sample_delay_s, &mut estimate.paths);
         estimate.dense = self.dense_multipath(&estimate.noise, first_sample_delay_s);
         estimate
     }
@@ -121,11 +141,24 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         });
     }
 
+    /// The threshold, from the tail of the noise in so many samples ahead of the response.
+    fn measure_tail(&mut self, ahead: usize, steps: &LevelSteps) {
+        let mut walk = LevelWalk::new(self.noise, steps);
+        let mut tail = Tail::new();
+        for sample in self.samples.iter().take(ahead) {
+            tail.add(sample * sample / walk.next());
+        }
+        self.threshold = tail.threshold(self.estimator.magnitude_threshold);
+        for peak in &mut self.peaks {
+            peak.threshold = tail.threshold(self.estimator.beginning_threshold);
+        }
+    }
+
     /// Adds the path with the largest gain above kappa; false where there is none or no room.
     fn add_strongest(&mut self) -> bool {
         // A path midway between two samples looks this weak: what falls short by more need not be fitted.
         let midway = self.estimator.table.at(0.5);
-        let floor = SCALLOPING * (midway * midway) * self.estimator.magnitude_threshold;
+        let floor = SCALLOPING * (midway * midway) * self.threshold;
         let mut best: Option<Peak> = None;
         for (n, window) in (1..).zip(self.samples.windows(3)) {
             let &[before, here, after] = window else { continue };
@@ -142,7 +175,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
             }
             let Some(peak) = self.fit(None, n) else { continue };
             let stronger = best.is_none_or(|best| peak.gain > best.gain);
-            if peak.gain > self.estimator.magnitude_threshold && stronger {
+            if peak.gain > self.threshold && stronger {
                 best = Some(peak);
             }
         }
@@ -176,9 +209,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         }
         let mut weakest: Option<(usize, f32)> = None;
         for (k, peak) in self.peaks.iter().enumerate() {
-            if peak.gain <= self.estimator.magnitude_threshold
-                && weakest.is_none_or(|(_, gain)| peak.gain < gain)
-            {
+            if peak.gain <= peak.threshold && weakest.is_none_or(|(_, gain)| peak.gain < gain) {
                 weakest = Some((k, peak.gain));
             }
         }
@@ -256,7 +287,8 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         let left = self.unexplained(own, position, amplitude);
         // Half the noise power is missing from the square of the fitted amplitude.
         let gain = left * left / level + 0.5;
-        Some(Peak { sample: n, position, amplitude, level, gain })
+        let threshold = own.and_then(|k| self.peaks.get(k)).map_or(self.threshold, |peak| peak.threshold);
+        Some(Peak { sample: n, position, amplitude, level, gain, threshold })
     }
 
     /// Power that the other paths' overlap is worth beside path `own`, by how far it moves the delay: a neighbour's

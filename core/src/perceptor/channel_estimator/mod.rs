@@ -7,10 +7,12 @@
 //! mu_FA = (2 beta sqrt(pi kappa) T + 1) exp(-kappa), the Rice up-crossing rate of the noise envelope. The envelope is
 //! what magnitudes show, so the rate holds for either mode.
 //!
+//! What rises at once, as behind a wall, is not all dense multipath: `beginning.rs`, which also measures the tail of the noise.
 //! Where a frame begins, for ranging, is a matter of its own: `first_path.rs`.
 //!
 //! Fixed memory: no copy of the frame is made; the residual is recomputed from the paths where it is needed.
 
+pub mod beginning;
 pub mod complex;
 mod component;
 mod first_path;
@@ -23,6 +25,7 @@ pub mod residual;
 use crate::model::observation::{Complex, SampleFault, Samples};
 use crate::radio::pulse::{Pulse, PulseTable};
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, ln, sqrt};
+use beginning::{BEGINNING_SHARE, threshold_beside};
 use heapless::Vec;
 use interpolation::Interpolation;
 use noise::{COMPLEX_CUT, Cut, MAGNITUDE_CUT, Profile};
@@ -63,6 +66,8 @@ pub struct ChannelEstimate<const PATHS: usize> {
     pub noise: NoiseLevel,
     /// The dense multipath as a whole.
     pub dense: DenseMultipath,
+    /// kappa in this frame, whose noise may have a heavier tail than Gaussian.
+    pub threshold: f32,
 }
 
 /// What an estimator takes for a path, for two, and for dense multipath. How many false paths it may report is told apart
@@ -104,6 +109,8 @@ pub struct ChannelEstimator<const PATHS: usize> {
     /// kappa beside a level that was fitted to dense multipath: of complex frames, and of magnitudes.
     threshold: f32,
     magnitude_threshold: f32,
+    /// kappa of a path at the beginning.
+    beginning_threshold: f32,
     settings: EstimatorSettings,
 }
 
@@ -132,7 +139,9 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let false_paths = limited(false_paths, 1e-4, 10.0);
         let profile = Profile::new(pulse.effective_duration_s(), &settings);
         let window_s = samples as f32 * sample_spacing_s;
-        let known_threshold = detection_threshold(pulse.rms_bandwidth_hz() * window_s, false_paths);
+        let bandwidth_window = pulse.rms_bandwidth_hz() * window_s;
+        let known_threshold = detection_threshold(bandwidth_window, false_paths);
+        let beginning = detection_threshold(bandwidth_window, BEGINNING_SHARE * false_paths);
         Self {
             pulse,
             table: PulseTable::new(&pulse, sample_spacing_s),
@@ -141,11 +150,12 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             profile,
             threshold: fitted_threshold(&pulse, &profile, &COMPLEX_CUT, known_threshold),
             magnitude_threshold: fitted_threshold(&pulse, &profile, &MAGNITUDE_CUT, known_threshold),
+            beginning_threshold: threshold_beside(fitted_samples(&pulse, &profile), beginning),
             settings,
         }
     }
 
-    /// Threshold kappa on a path's normalised energy in such samples.
+    /// Threshold kappa on a path's normalised energy in such samples, where their noise is Gaussian.
     pub fn threshold(&self, samples: &Samples<'_>) -> f32 {
         match samples {
             Samples::Complex(_) => self.threshold,
@@ -181,7 +191,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
 
     /// The beginning of an estimate: its noise.
     fn without_paths(&self, noise: NoiseLevel) -> ChannelEstimate<PATHS> {
-        ChannelEstimate { paths: Vec::new(), noise, dense: DenseMultipath::default() }
+        ChannelEstimate { paths: Vec::new(), noise, dense: DenseMultipath::default(), threshold: 0.0 }
     }
 
     /// The dense multipath as a whole of a frame's noise.
@@ -224,8 +234,12 @@ fn cut_of(samples: &Samples<'_>) -> &'static Cut {
 
 /// kappa where the level is fitted to n samples: a peak lifts the level under it, and the level's own errors add.
 fn fitted_threshold(pulse: &Pulse, profile: &Profile, cut: &Cut, threshold: f32) -> f32 {
-    let samples = profile.length_s() / pulse.effective_duration_s();
-    threshold / (1.0 + cut.self_share / samples)
+    threshold / (1.0 + cut.self_share / fitted_samples(pulse, profile))
+}
+
+/// Independent samples that a level is fitted to.
+fn fitted_samples(pulse: &Pulse, profile: &Profile) -> f32 {
+    profile.length_s() / pulse.effective_duration_s()
 }
 
 #[cfg(test)]

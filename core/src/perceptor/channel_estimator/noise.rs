@@ -108,17 +108,24 @@ pub struct NoiseLevel {
     /// Sums over all nodes up to each one: of theta exp(-t/decay), and of theta exp(-t/decay - t/rise).
     decaying: [f32; NODES],
     rising: [f32; NODES],
-    /// Samples from node to node.
+    /// Samples from node to node, and from the first node to the frame.
     node_samples: usize,
+    lead: usize,
 }
 
 impl NoiseLevel {
     /// White noise and the beginnings of dense multipath everywhere in a frame.
     pub(super) fn open(white: f32, steps: &LevelSteps) -> Self {
         let none = [0.0; NODES];
-        let node_samples = steps.node_cells * steps.cell_samples;
-        let mut level =
-            Self { white, profile: steps.profile, weights: none, decaying: none, rising: none, node_samples };
+        let mut level = Self {
+            white,
+            profile: steps.profile,
+            weights: none,
+            decaying: none,
+            rising: none,
+            node_samples: steps.node_samples(),
+            lead: steps.lead,
+        };
         for weight in level.weights.iter_mut().take(steps.nodes) {
             *weight = FIRST_SHARE * white;
         }
@@ -145,6 +152,7 @@ impl NoiseLevel {
         if position < 0.0 {
             return self.white;
         }
+        let position = position + self.lead as f32;
         let node = (position as usize / self.node_samples.max(1)).min(NODES - 1);
         let past_s = (position - (node * self.node_samples) as f32) * sample_spacing_s;
         let (Some(decaying), Some(rising)) = (self.decaying.get(node), self.rising.get(node)) else {
@@ -165,7 +173,7 @@ impl NoiseLevel {
     ) -> DenseMultipath {
         let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
         for (node, weight) in self.weights.iter().enumerate() {
-            let time_s = (node * self.node_samples) as f32 * sample_spacing_s;
+            let time_s = ((node * self.node_samples) as f32 - self.lead as f32) * sample_spacing_s;
             sum += weight;
             first += weight * time_s;
             second += weight * (time_s * time_s);
@@ -210,12 +218,14 @@ impl NoiseLevel {
         for (node, (weight, (decaying, rising))) in nodes.take(steps.nodes).rev() {
             let mut own = [0.0_f32; 4];
             let Factors { mut decay, mut rise } = steps.half_cell;
-            let mut sample = node * self.node_samples;
+            // Cells ahead of the frame are empty.
+            let mut next = node * self.node_samples;
             for _ in 0..steps.node_cells {
                 let level = self.white + (decaying * decay - ONSET * (rising * rise));
-                let end = (sample + steps.cell_samples).min(steps.samples);
+                let sample = next.saturating_sub(steps.lead).min(steps.samples);
+                next += steps.cell_samples;
+                let end = next.saturating_sub(steps.lead).min(steps.samples);
                 let CutPowers { sum, count } = powers(sample, end, by.levels * level);
-                sample = end;
                 let inverse = 1.0 / level;
                 let v = count * inverse;
                 // In this order neither underflows.
@@ -306,29 +316,40 @@ pub(super) struct LevelSteps {
     node_cells: usize,
     nodes: usize,
     samples: usize,
+    /// Samples from the first node to the frame.
+    lead: usize,
 }
 
 impl LevelSteps {
-    /// For frames of `samples` samples.
-    pub fn new(profile: Profile, sample_spacing_s: f32, samples: usize) -> Self {
+    /// For frames of `samples` samples, with a node at sample `beginning`.
+    pub fn new(profile: Profile, sample_spacing_s: f32, samples: usize, beginning: usize) -> Self {
         // Positive and small: truncation is the floor.
         let cell_samples = ((profile.rise_s / sample_spacing_s + 0.5) as usize).max(1);
-        let node_cells = samples.div_ceil(cell_samples).div_ceil(NODES).max(1);
+        // One node more stands ahead of the frame.
+        let most = NODES - 1;
+        let node_cells = samples.div_ceil(cell_samples).div_ceil(most).max(1);
         // Where nodes are scarce, no further apart than they must be.
         let cell_samples =
-            if node_cells > 1 { samples.div_ceil(NODES).div_ceil(node_cells).max(1) } else { cell_samples };
+            if node_cells > 1 { samples.div_ceil(most).div_ceil(node_cells).max(1) } else { cell_samples };
+        let node_samples = node_cells * cell_samples;
+        let lead = (node_samples - beginning % node_samples) % node_samples;
         let over = |samples: f32| Factors::over(samples * sample_spacing_s, &profile);
         Self {
             profile,
             sample: over(1.0),
             cell: over(cell_samples as f32),
             half_cell: over(0.5 * (cell_samples as f32 - 1.0)),
-            node: over((node_cells * cell_samples) as f32),
+            node: over(node_samples as f32),
             cell_samples,
             node_cells,
-            nodes: samples.div_ceil(cell_samples).div_ceil(node_cells),
+            nodes: (samples + lead).div_ceil(node_samples),
             samples,
+            lead,
         }
+    }
+
+    fn node_samples(&self) -> usize {
+        self.node_cells * self.cell_samples
     }
 }
 
@@ -346,7 +367,7 @@ pub(super) struct LevelWalk<'a> {
 
 impl<'a> LevelWalk<'a> {
     pub fn new(level: &'a NoiseLevel, steps: &LevelSteps) -> Self {
-        Self {
+        let mut walk = Self {
             level,
             factors: steps.sample,
             node: 0,
@@ -354,7 +375,11 @@ impl<'a> LevelWalk<'a> {
             decaying: 0.0,
             rising: 0.0,
             white: level.white,
+        };
+        for _ in 0..level.lead {
+            let _ = walk.next();
         }
+        walk
     }
 
     /// The level at sample 0, 1, 2, ...
@@ -481,7 +506,7 @@ mod tests {
 
     #[test]
     fn the_walk_and_the_level_agree() {
-        let steps = LevelSteps::new(Profile::new(0.425e-9, &EstimatorSettings::default()), 0.25e-9, 400);
+        let steps = LevelSteps::new(Profile::new(0.425e-9, &EstimatorSettings::default()), 0.25e-9, 400, 0);
         let mut noise = NoiseLevel::open(0.5, &steps);
         noise.weights[3] = 2.0;
         noise.accumulate(&steps);
@@ -497,7 +522,7 @@ mod tests {
     #[test]
     fn the_level_follows_dense_multipath_wherever_it_begins() {
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(4);
-        let steps = LevelSteps::new(Profile::new(0.425e-9, &EstimatorSettings::default()), 0.25e-9, 400);
+        let steps = LevelSteps::new(Profile::new(0.425e-9, &EstimatorSettings::default()), 0.25e-9, 400, 0);
         for onset in [0.0_f32, 57.0, 200.0] {
             let truth = |n: usize| {
                 let t = (n as f32 - onset) * 0.25;

@@ -106,7 +106,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let reach = (longest_m - residual.first_m) * residual.points_per_m;
         let wanted = larger(smaller(floor(reach) + 2.0, POINTS as f32), 0.0) as usize;
         let wanted = wanted.min(points * samples.len());
-        let steps = LevelSteps::new(self.profile, spacing_s, samples.len());
+        let steps = LevelSteps::new(self.profile, spacing_s, samples.len(), 0);
         let mut levels = LevelWalk::new(&estimate.noise, &steps);
         let mut level = levels.next();
         // Share of a point in the level under it.
@@ -243,7 +243,7 @@ mod tests {
 
     /// White noise of power 4, and these paths: positions in samples, and amplitudes.
     fn estimate(own: &ChannelEstimator<4>, paths: &[(f32, Complex)]) -> ChannelEstimate<4> {
-        let steps = LevelSteps::new(own.profile, SPACING_S, SAMPLES);
+        let steps = LevelSteps::new(own.profile, SPACING_S, SAMPLES, 0);
         let mut noise = NoiseLevel::open(0.0, &steps);
         noise.white = 4.0;
         let path = |(position, amplitude): &(f32, Complex)| Path {

@@ -12,6 +12,7 @@
 //! This twin keeps buffers of the residual and inverts whole matrices; the core recomputes the residual where needed
 //! and inverts cluster by cluster.
 
+use super::beginning::{beginning, farther, tail};
 use super::linear_algebra::inverse;
 use super::noise::{NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimator, Path, parabola_vertex, power};
@@ -41,6 +42,8 @@ struct Component<T> {
     amplitude: [T; 2],
     /// |q|^2 / s, as if this component were added last.
     gain: T,
+    /// Its kappa.
+    threshold: T,
 }
 
 struct Fit<'a, T> {
@@ -52,19 +55,50 @@ struct Fit<'a, T> {
     floor: T,
     /// Sigma.
     posterior: Matrix<T>,
+    /// kappa of further components.
+    threshold: T,
 }
 
 pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[[T; 2]],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T) {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
-    let noise = estimator.open_noise(white_level(&powers), samples.len());
+    let white = white_level(&powers);
+    let begins = beginning(estimator, &powers, estimator.fitted_threshold * white);
+    let noise = estimator.open_noise(white, samples.len(), begins);
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
-    let mut fit = Fit { estimator, samples, components: Vec::new(), noise, floor, posterior: Vec::new() };
+    let threshold = estimator.fitted_threshold;
+    let (components, posterior) = (Vec::new(), Vec::new());
+    let mut fit = Fit { estimator, samples, components, noise, floor, posterior, threshold };
+    if let Some([n, _]) = begins {
+        let beside = |n: Option<usize>| n.and_then(|n| powers.get(n)).copied().unwrap_or(T::ZERO);
+        let vertex = parabola_vertex(beside(n.checked_sub(1)), powers[n], beside(Some(n + 1)));
+        let position = T::of_count(n) + vertex;
+        let matched = estimator.interpolation.at(samples, position);
+        let gain = powers[n] / white;
+        fit.add(Component {
+            position,
+            moving: true,
+            prior: gain,
+            level: white,
+            matched,
+            amplitude: matched,
+            gain,
+            threshold: T::ZERO,
+        });
+    }
     for _ in 0..FIRST_REFINEMENTS {
         fit.fit_noise();
+    }
+    if let Some([_, ahead]) = begins {
+        let tail = tail(&powers[..ahead], &fit.noise.at_samples(ahead));
+        fit.threshold = farther(estimator.fitted_threshold, tail);
+        fit.components[0].threshold = farther(estimator.beginning_threshold, tail);
+        fit.set_levels();
+        fit.settle();
+        fit.rest();
     }
     let mut refined = false;
     for _ in 0..estimator.most_paths + SPARE_ROUNDS {
@@ -74,7 +108,7 @@ pub(super) fn estimate<T: Real>(
             fit.settle();
         }
         let mut candidate = fit.strongest();
-        let sure = T::of(DOUBTFUL) * estimator.fitted_threshold;
+        let sure = T::of(DOUBTFUL) * fit.threshold;
         let full = fit.components.len() == estimator.most_paths;
         if !refined && (full || candidate.is_none_or(|candidate| candidate.gain < sure)) {
             refined = true;
@@ -90,17 +124,22 @@ pub(super) fn estimate<T: Real>(
             break;
         }
         fit.add(candidate);
-        for _ in 0..PASSES {
-            if !fit.move_delays() {
-                break;
-            }
-            fit.settle();
-        }
+        fit.rest();
     }
     fit.finish(first_sample_delay_s)
 }
 
 impl<T: Real> Fit<'_, T> {
+    /// Moves and settles until everything stands still.
+    fn rest(&mut self) {
+        for _ in 0..PASSES {
+            if !self.move_delays() {
+                break;
+            }
+            self.settle();
+        }
+    }
+
     /// A value at `position` less all components but one. Order: component by component.
     fn subtract(&self, value: [T; 2], position: T, except: Option<usize>) -> [T; 2] {
         let table = &self.estimator.table;
@@ -191,7 +230,7 @@ impl<T: Real> Fit<'_, T> {
         let residual = self.residual_powers();
         let levels = self.noise.at_samples(self.samples.len());
         // Off the grid, a path may be stronger than on it. Order: compared by products, (gain)(s lambda).
-        let mut best = (None, num(SCALLOPING) * self.estimator.fitted_threshold);
+        let mut best = (None, num(SCALLOPING) * self.threshold);
         for n in 0..residual.len() {
             let s = self.uncertainty(T::of_count(n));
             let scale = s * levels[n];
@@ -209,11 +248,12 @@ impl<T: Real> Fit<'_, T> {
         let amplitude = self.subtract(matched, position, None);
         let q2 = power(amplitude) / level;
         let gain = larger(gain, q2 / s);
-        if gain <= self.estimator.fitted_threshold {
+        if gain <= self.threshold {
             return None;
         }
         let prior = larger((q2 - s) / square(s), T::ONE);
-        Some(Component { position, moving: true, prior, level, matched, amplitude, gain })
+        let threshold = self.threshold;
+        Some(Component { position, moving: true, prior, level, matched, amplitude, gain, threshold })
     }
 
     /// Adds a component in its place by delay, behind equal ones.
@@ -361,7 +401,7 @@ impl<T: Real> Fit<'_, T> {
         for k in 0..self.components.len() {
             let gain = self.components[k].gain;
             let weaker = weakest.is_none_or(|weakest| gain < self.components[weakest].gain);
-            if gain < self.estimator.fitted_threshold && weaker {
+            if gain < self.components[k].threshold && weaker {
                 weakest = Some(k);
             }
         }
@@ -379,7 +419,7 @@ impl<T: Real> Fit<'_, T> {
     }
 
     /// The paths, with amplitudes by least squares (no prior).
-    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>) {
+    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>, T) {
         let inverse = inverse(&self.gram(|_| T::of(RIDGE)));
         let mut paths = Vec::new();
         for k in 0..self.components.len() {
@@ -395,6 +435,6 @@ impl<T: Real> Fit<'_, T> {
             let sinr = larger(component.gain - T::ONE, T::of(LEAST_SINR));
             paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
         }
-        (paths, self.noise)
+        (paths, self.noise, self.threshold)
     }
 }

@@ -7,6 +7,7 @@
 //! A path stays where its amplitude less all that the others could add, a - sum a_j |R|, has an energy above
 //! kappa lambda.
 
+use super::beginning::{beginning, farther, tail};
 use super::noise::{NoiseLevel, level_floor, white_level};
 use super::{ChannelEstimator, Path};
 use crate::reference::pulse::PulseTable;
@@ -26,13 +27,15 @@ struct Peak<T> {
     level: T,
     /// Unexplained energy over the level.
     gain: T,
+    /// Its kappa.
+    threshold: T,
 }
 
 pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[T],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T) {
     let num = T::of;
     let powers: Vec<T> = samples.iter().map(|sample| square(*sample)).collect();
     let mut strongest = T::ZERO;
@@ -40,23 +43,37 @@ pub(super) fn estimate<T: Real>(
         strongest = larger(strongest, *power);
     }
     let floor = level_floor(strongest);
-    let mut noise = estimator.open_noise(white_level(&powers), samples.len());
+    let white = white_level(&powers);
+    let mut kappa = estimator.magnitude_threshold;
+    let begins = beginning(estimator, &powers, kappa * white);
+    let mut noise = estimator.open_noise(white, samples.len(), begins);
     let mut peaks: Vec<Peak<T>> = Vec::new();
+    if let Some([n, _]) = begins {
+        peaks.extend(fit(estimator, samples, &noise, &peaks, None, n));
+    }
     for _ in 0..FIRST_REFINEMENTS {
         noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
     }
+    if let Some([_, ahead]) = begins {
+        let tail = tail(&powers[..ahead], &noise.at_samples(ahead));
+        kappa = farther(kappa, tail);
+        for peak in &mut peaks {
+            peak.threshold = farther(estimator.beginning_threshold, tail);
+        }
+        refit(estimator, samples, &noise, &mut peaks);
+    }
     for round in 0..estimator.most_paths + SPARE_ROUNDS {
-        if round > 0 {
+        if round > 0 || begins.is_some() {
             for _ in 0..REFINEMENTS {
                 noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
             }
             refit(estimator, samples, &noise, &mut peaks);
         }
-        let Some(peak) = strongest_peak(estimator, samples, &noise, &peaks) else { break };
+        let Some(peak) = strongest_peak(estimator, samples, &noise, &peaks, kappa) else { break };
         if peaks.len() == estimator.most_paths {
             break;
         }
-        peaks.push(peak);
+        peaks.push(Peak { threshold: kappa, ..peak });
     }
     let paths = (0..peaks.len()).map(|k| {
         let peak = peaks[k];
@@ -64,7 +81,7 @@ pub(super) fn estimate<T: Real>(
         let sinr = square(peak.amplitude) / level - num(0.5);
         estimator.path(peak.position, first_sample_delay_s, [peak.amplitude, T::ZERO], sinr)
     });
-    (paths.collect(), noise)
+    (paths.collect(), noise, kappa)
 }
 
 /// The powers that tell the level: those in which no path has much energy.
@@ -86,9 +103,9 @@ fn strongest_peak<T: Real>(
     samples: &[T],
     noise: &NoiseLevel<T>,
     peaks: &[Peak<T>],
+    kappa: T,
 ) -> Option<Peak<T>> {
     let num = T::of;
-    let kappa = estimator.magnitude_threshold;
     let floor = num(SCALLOPING) * square(estimator.table.at(num(0.5))) * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
@@ -138,12 +155,12 @@ fn refit<T: Real>(
 ) {
     for k in 0..peaks.len() {
         if let Some(peak) = fit(estimator, samples, noise, peaks, Some(k), peaks[k].sample) {
-            peaks[k] = peak;
+            peaks[k] = Peak { threshold: peaks[k].threshold, ..peak };
         }
     }
     let mut weakest: Option<usize> = None;
     for k in 0..peaks.len() {
-        let below = peaks[k].gain <= estimator.magnitude_threshold;
+        let below = peaks[k].gain <= peaks[k].threshold;
         if below && weakest.is_none_or(|weakest| peaks[k].gain < peaks[weakest].gain) {
             weakest = Some(k);
         }
@@ -211,7 +228,7 @@ fn fit<T: Real>(
     let position = T::of_count(n) + shift;
     let left = unexplained(estimator, peaks, own, position, amplitude);
     let gain = square(left) / level + num(0.5);
-    Some(Peak { sample: n, position, amplitude, level, gain })
+    Some(Peak { sample: n, position, amplitude, level, gain, threshold: T::ZERO })
 }
 
 /// R' at a lag, per sample.

@@ -5,6 +5,7 @@
 //! what exceeds kappa, set by the rate of false paths mu: kappa = ln((2 B sqrt(pi kappa) + 1) / mu), with B the product
 //! of rms bandwidth and window.
 
+mod beginning;
 mod complex;
 mod interpolation;
 mod linear_algebra;
@@ -15,6 +16,7 @@ mod residual;
 use super::pulse::{Pulse, PulseTable};
 use super::real::{Real, larger, limited, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::model::observation::Samples;
+use cogmint_core::perceptor::channel_estimator::beginning::BEGINNING_SHARE;
 use cogmint_core::perceptor::channel_estimator::noise::{COMPLEX_CUT, Cut, LENGTH_DECAYS, MAGNITUDE_CUT};
 use cogmint_core::perceptor::channel_estimator::{EstimatorSettings, LEAST_SINR, MOST_SINR};
 use interpolation::Interpolation;
@@ -44,6 +46,8 @@ pub struct ChannelEstimate<T> {
     pub noise: NoiseLevel<T>,
     /// The dense multipath as a whole.
     pub dense: DenseMultipath<T>,
+    /// kappa in this frame.
+    pub threshold: T,
 }
 
 /// An estimator for one pulse and sample spacing.
@@ -59,6 +63,8 @@ pub struct ChannelEstimator<T> {
     fitted_threshold: T,
     /// The same of magnitudes.
     magnitude_threshold: T,
+    /// Of a path at the beginning.
+    beginning_threshold: T,
     /// Most paths reported.
     most_paths: usize,
     settings: EstimatorSettings,
@@ -77,11 +83,15 @@ impl<T: Real> ChannelEstimator<T> {
         let num = T::of;
         let window_s = T::of_count(samples) * sample_spacing_s;
         let bandwidth_window = pulse.rms_bandwidth_hz() * window_s;
-        let mut threshold = num(6.0);
-        for _ in 0..20 {
-            let crossings = num(2.0) * bandwidth_window * sqrt(pi::<T>() * threshold) + T::ONE;
-            threshold = larger(ln(crossings / false_paths), T::ONE);
-        }
+        let kappa = |rate: T| {
+            let mut kappa = num(6.0);
+            for _ in 0..20 {
+                let crossings = num(2.0) * bandwidth_window * sqrt(pi::<T>() * kappa) + T::ONE;
+                kappa = larger(ln(crossings / rate), T::ONE);
+            }
+            kappa
+        };
+        let threshold = kappa(false_paths);
         let profile = NoiseLevel::profile(pulse.effective_duration_s(), &settings);
         let worth = num(LENGTH_DECAYS) * profile[0] / pulse.effective_duration_s();
         let fitted = |cut: &Cut| threshold / (T::ONE + num(cut.self_share) / worth);
@@ -93,6 +103,7 @@ impl<T: Real> ChannelEstimator<T> {
             profile,
             fitted_threshold: fitted(&COMPLEX_CUT),
             magnitude_threshold: fitted(&MAGNITUDE_CUT),
+            beginning_threshold: beginning::beside(kappa(num(BEGINNING_SHARE) * false_paths), worth),
             most_paths,
             settings,
         }
@@ -108,7 +119,7 @@ impl<T: Real> ChannelEstimator<T> {
 
     /// Estimates a frame's paths.
     pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: T) -> ChannelEstimate<T> {
-        let (paths, noise) = match samples {
+        let (paths, noise, threshold) = match samples {
             Samples::Complex(samples) => {
                 let samples: Vec<[T; 2]> = samples.iter().map(|sample| sample.map(T::of)).collect();
                 complex::estimate(self, &samples, first_sample_delay_s)
@@ -123,12 +134,13 @@ impl<T: Real> ChannelEstimator<T> {
             self.sample_spacing_s,
             self.pulse.effective_duration_s(),
         );
-        ChannelEstimate { paths, noise, dense }
+        ChannelEstimate { paths, noise, dense, threshold }
     }
 
     /// The noise that a fit begins with.
-    fn open_noise(&self, white: T, samples: usize) -> NoiseLevel<T> {
-        NoiseLevel::everywhere(white, self.profile, samples, self.sample_spacing_s)
+    fn open_noise(&self, white: T, samples: usize, beginning: Option<[usize; 2]>) -> NoiseLevel<T> {
+        let beginning = beginning.map_or(0, |[sample, _]| sample);
+        NoiseLevel::everywhere(white, self.profile, samples, self.sample_spacing_s, beginning)
     }
 
     /// A path `position` samples into the frame.

@@ -38,7 +38,9 @@ pub struct NoiseLevel<T> {
     /// Samples of a cell, and from node to node.
     cell_samples: usize,
     node_samples: usize,
-    /// Nodes in the frame.
+    /// Samples from the first node to the frame.
+    ahead: usize,
+    /// Nodes in all.
     nodes: usize,
     sample_spacing_s: T,
 }
@@ -51,22 +53,36 @@ impl<T: Real> NoiseLevel<T> {
         [decay_s, T::of(RISE_DECAYS) * decay_s]
     }
 
-    /// White noise and a little dense multipath from every node of a frame.
+    /// White noise and a little dense multipath from every node of a frame, one of which is at sample `beginning`.
     pub(super) fn everywhere(
         white: T,
         [decay_s, rise_s]: [T; 2],
         samples: usize,
         sample_spacing_s: T,
+        beginning: usize,
     ) -> Self {
-        let cell_samples = ((rise_s / sample_spacing_s + T::of(0.5)).whole() as usize).max(1);
-        let node_cells = samples.div_ceil(cell_samples).div_ceil(NODES).max(1);
-        let cell_samples =
-            if node_cells > 1 { samples.div_ceil(NODES).div_ceil(node_cells) } else { cell_samples };
-        let nodes = samples.div_ceil(cell_samples).div_ceil(node_cells);
+        let mut cell_samples = ((rise_s / sample_spacing_s + T::of(0.5)).whole() as usize).max(1);
+        let node_cells = samples.div_ceil(cell_samples).div_ceil(NODES - 1).max(1);
+        if node_cells > 1 {
+            cell_samples = samples.div_ceil(NODES - 1).div_ceil(node_cells);
+        }
         let node_samples = node_cells * cell_samples;
+        // The least number of samples ahead that makes `beginning` a multiple of the nodes' distance.
+        let ahead = (0..node_samples).find(|ahead| (beginning + ahead) % node_samples == 0).unwrap_or(0);
+        let nodes = (samples + ahead).div_ceil(node_samples);
         let (theta, sums) = (vec![T::ZERO; NODES], vec![[T::ZERO; 2]; NODES]);
-        let mut level =
-            Self { white, decay_s, rise_s, theta, sums, cell_samples, node_samples, nodes, sample_spacing_s };
+        let mut level = Self {
+            white,
+            decay_s,
+            rise_s,
+            theta,
+            sums,
+            cell_samples,
+            node_samples,
+            ahead,
+            nodes,
+            sample_spacing_s,
+        };
         for j in 0..nodes {
             level.theta[j] = T::of(FIRST_SHARE) * white;
         }
@@ -97,6 +113,7 @@ impl<T: Real> NoiseLevel<T> {
         if position < T::ZERO {
             return self.white;
         }
+        let position = position + T::of_count(self.ahead);
         let node = (position.whole() as usize / self.node_samples).min(NODES - 1);
         let past_s = (position - T::of_count(node * self.node_samples)) * sample_spacing_s;
         let [decaying, rising] = self.sums[node];
@@ -109,14 +126,14 @@ impl<T: Real> NoiseLevel<T> {
         let step = self.exponentials(T::ONE);
         let mut levels = Vec::new();
         let mut sum = [T::ZERO; 2];
-        for n in 0..samples {
+        for n in 0..self.ahead + samples {
             if n % self.node_samples == 0 {
                 sum = self.sums.get(n / self.node_samples).copied().unwrap_or([T::ZERO; 2]);
             }
             levels.push(self.white + (sum[0] - T::of(ONSET) * sum[1]));
             sum = [sum[0] * step[0], sum[1] * step[1]];
         }
-        levels
+        levels.split_off(self.ahead)
     }
 
     /// Moments of the sum of all nodes' profiles. Order: those of the nodes, then those of one profile.
@@ -129,7 +146,7 @@ impl<T: Real> NoiseLevel<T> {
         let num = T::of;
         let mut moments = [T::ZERO; 3];
         for (j, theta) in self.theta.iter().enumerate() {
-            let time_s = T::of_count(j * self.node_samples) * sample_spacing_s;
+            let time_s = (T::of_count(j * self.node_samples) - T::of_count(self.ahead)) * sample_spacing_s;
             moments[0] += *theta;
             moments[1] += *theta * time_s;
             moments[2] += *theta * square(time_s);
@@ -164,6 +181,7 @@ impl<T: Real> NoiseLevel<T> {
         let middle = self.exponentials(num(0.5) * (T::of_count(self.cell_samples) - T::ONE));
         let node_step = self.exponentials(T::of_count(self.node_samples));
         let mut all = [T::ZERO; 2];
+        let powers = [&vec![None; self.ahead], powers].concat();
         // From each node on: sums of |r|^2 / lambda^2, cut off, and of 1 / lambda over the cells, weighted with both
         // exponentials at the cells' middles. Order: from the last node to the first.
         let mut after = [[T::ZERO; 2]; 2];
