@@ -187,7 +187,9 @@ impl Feed {
         config.radio.sample_spacing_s = self.float()?;
         config.radio.pulse_shape = self.pulse_shape()?;
         config.radio.samples_per_frame = self.count()?;
-        config.radio.gain_control = self.word()? != 0;
+        let radio = self.word()?;
+        config.radio.gain_control = radio & 1 != 0;
+        config.estimator.begins_with_path = radio & 2 != 0;
         config.has_heading = self.word()? != 0;
         config.controller.first_action = self.count()?;
         config.controller.planned_actions = self.count()?;

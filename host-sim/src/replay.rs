@@ -170,6 +170,7 @@ impl Setup {
         config.has_heading = known.len() < most && arms_m.into_iter().any(|arm_m| arm_m != [0.0; 2]);
         config.radio.pulse_shape = pulse_shape(radio);
         config.radio.gain_control = radio.gain_control;
+        config.estimator.begins_with_path = radio.begins_with_path;
         if let Some(spacing) = radio.sample_spacing_s {
             config.radio.sample_spacing_s = spacing as f32;
         }

@@ -151,6 +151,7 @@ impl Simulator {
                 pulse_duration_s: duration_s,
                 roll_off: receiver.roll_off(bandwidth_hz, duration_s),
                 gain_control: receiver.converter.is_some(),
+                begins_with_path: false,
                 sampled_pulse: matches!(receiver.pulse, Pulse::Sampled { .. }).then(|| {
                     let step_s = duration_s / 8.0;
                     let pulse = channel.pulse(receiver.first_action);

@@ -89,7 +89,7 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
         }
     }
     feed.count(config.radio.samples_per_frame);
-    feed.word(u32::from(config.radio.gain_control));
+    feed.word(u32::from(config.radio.gain_control) | u32::from(config.estimator.begins_with_path) << 1);
     feed.word(u32::from(config.has_heading));
     feed.count(config.controller.first_action);
     feed.count(config.controller.planned_actions);

@@ -880,6 +880,7 @@ mod tests {
                 roll_off: 0.6,
                 sampled_pulse: None,
                 gain_control: false,
+                begins_with_path: false,
                 sample_spacing_s: Some(SPACING_S),
                 range_std_m: 0.02,
                 range_bias_mean_m: 0.0,

@@ -151,7 +151,8 @@ fn estimate_told(
             let shape = pulse_shape(&recording.radio);
             let duration_s = action.pulse_duration_s as f32;
             let pulse = Pulse { duration_s, shape }.sampled_every(spacing_s as f32);
-            Stage::new(&pulse, spacing_s, chosen[0].2.samples.len(), options)
+            let begins = recording.radio.begins_with_path;
+            Stage::new(&pulse, spacing_s, chosen[0].2.samples.len(), begins, options)
         })
         .collect();
     let found = chosen.par_iter().map(|&(index, cycle, frame)| {
@@ -235,7 +236,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn new(pulse: &Pulse, spacing_s: f64, samples: usize, options: &Options) -> Self {
+    fn new(pulse: &Pulse, spacing_s: f64, samples: usize, begins_with_path: bool, options: &Options) -> Self {
         let spacing = spacing_s as f32;
         Self {
             estimator: ChannelEstimator::new(
@@ -243,7 +244,7 @@ impl Stage {
                 spacing,
                 samples,
                 options.false_paths as f32,
-                EstimatorSettings::default(),
+                EstimatorSettings { begins_with_path, ..EstimatorSettings::default() },
             ),
             first_path: FirstPathDetector::new(pulse, spacing, options.false_paths as f32),
             table: PulseTable::new(pulse, spacing),

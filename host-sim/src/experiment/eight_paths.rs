@@ -86,6 +86,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
             roll_off: ROLL_OFF,
             sampled_pulse: None,
             gain_control: false,
+            begins_with_path: false,
             sample_spacing_s: Some(SPACING_S),
             range_std_m: 0.05,
             range_bias_mean_m: 0.0,

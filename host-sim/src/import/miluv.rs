@@ -164,6 +164,7 @@ fn recording_of(
             roll_off: 0.5,
             sampled_pulse: None,
             gain_control: true,
+            begins_with_path: true,
             sample_spacing_s: Some(DW1000_SAMPLE_SPACING_S),
             // In-sample, on random_1: ranges on time, and those that the body or the room blocks.
             range_std_m: 0.07,

@@ -98,6 +98,7 @@ pub fn snapshot(places: &Path, paths: &Path, options: &SnapshotOptions) -> Resul
             roll_off: 0.5,
             sampled_pulse: None,
             gain_control: false,
+            begins_with_path: false,
             sample_spacing_s: None,
             range_std_m: 0.15,
             range_bias_mean_m: 0.0,

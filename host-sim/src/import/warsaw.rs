@@ -85,6 +85,7 @@ fn recording_of(link: &LinkRow, start: Start, anchor_m: [f64; 2], cycles: Vec<Cy
             roll_off: 0.5,
             sampled_pulse: None,
             gain_control: true,
+            begins_with_path: true,
             sample_spacing_s: Some(DW1000_SAMPLE_SPACING_S),
             // The radio's usual scatter, and an antenna delay that is unknown.
             range_std_m: 0.1,

@@ -216,6 +216,9 @@ pub struct Radio {
     /// Whether the receiver scaled every frame as it liked (automatic gain control).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub gain_control: bool,
+    /// Whether dense multipath begins with a path.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub begins_with_path: bool,
     /// Standard deviation of the ranges that carry none of their own, in metres.
     pub range_std_m: f64,
     /// Prior mean of the bias that all ranges of an anchor share, in metres.
@@ -467,6 +470,7 @@ pub(crate) mod tests {
                 roll_off: 0.6,
                 sampled_pulse: None,
                 gain_control: false,
+                begins_with_path: false,
                 sample_spacing_s: Some(0.1e-9),
                 range_std_m: 0.1,
                 range_bias_mean_m: 0.0,

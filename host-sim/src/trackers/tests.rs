@@ -43,6 +43,7 @@ fn recording(
             roll_off: 0.6,
             sampled_pulse: None,
             gain_control: false,
+            begins_with_path: false,
             sample_spacing_s: None,
             range_std_m: 0.05,
             range_bias_mean_m: 0.0,

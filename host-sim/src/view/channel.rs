@@ -97,7 +97,10 @@ fn panel(
         spacing_s as f32,
         count,
         false_paths,
-        EstimatorSettings::default(),
+        EstimatorSettings {
+            begins_with_path: recording.radio.begins_with_path,
+            ..EstimatorSettings::default()
+        },
     );
     let estimate = estimator.estimate(samples, first_s as f32)?;
     let estimated = estimate.paths.iter().map(|path| {

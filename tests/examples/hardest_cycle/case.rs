@@ -193,6 +193,7 @@ pub fn recording(seed: u64) -> Recording {
             sampled_pulse: None,
             sample_spacing_s: Some(0.5 * pulse_s),
             gain_control: value(seed, Field::GainControl) == 1,
+            begins_with_path: value(seed, Field::GainControl) == 1,
             range_std_m: pick(seed, Field::RangeStd, &[1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0, 100.0]),
             range_bias_mean_m: 0.0,
             range_bias_std_m: bias_std_m,

@@ -33,6 +33,7 @@ pub fn recording_of_ranges(
             sampled_pulse: None,
             sample_spacing_s: None,
             gain_control: false,
+            begins_with_path: false,
             range_std_m: 0.3,
             range_bias_mean_m: 0.0,
             range_bias_std_m: 0.0,

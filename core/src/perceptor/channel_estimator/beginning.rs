@@ -1,6 +1,6 @@
 //! Where a response begins, and how heavy the tail of the noise ahead of it is.
 //!
-//! Dense multipath is what follows paths: it begins with one. So one of the nodes that the level is a sum of stands where the response
+//! Where [`EstimatorSettings::begins_with_path`](super::EstimatorSettings) says that dense multipath begins with a path, one of the nodes that the level is a sum of stands where the response
 //! begins, and the fit begins with a path there, which has to be worth its threshold once the level has been fitted beside it. Else what
 //! rises behind a wall, all of it within a few pulses, is taken for dense multipath as a whole.
 //!
@@ -15,9 +15,10 @@ use crate::real::{exp, larger};
 pub const SEARCH_S: f32 = 3.0 * 20e-9;
 /// Mathematics: the tail begins here, levels: 2 % of the samples of Gaussian noise are in it.
 pub const TAIL_FROM: f32 = 4.0;
-/// Setting: so many samples with the tail of Gaussian noise count beside those of the frame. Chosen on the Warsaw flat's frames.
+/// Guard: against a tail that rests on a handful of samples: so many of Gaussian noise count beside those of the frame.
 pub const TAIL_PRIOR: f32 = 10.0;
-/// Setting: share of the false paths asked for that paths at the beginning may be. Chosen on simulated frames of dense multipath.
+/// Guard: against more false paths than are asked for, where dense multipath begins by itself: their share that those at the beginning
+/// may be.
 pub const BEGINNING_SHARE: f32 = 0.25;
 
 /// Where a response begins.

@@ -9,7 +9,8 @@
 //! Loop: add the path with the largest gain if it exceeds kappa; move delays to the maximum of the matched filter
 //! without the other paths, until they stand still; re-estimate every g; prune what fell below kappa and merge what ran
 //! together. The noise level is fitted to the residual once no strong path is left, and follows every path from then
-//! on. Bounded by `PATHS + 4` rounds. The first path is that at the response's beginning, if the level leaves it its threshold.
+//! on. Bounded by `PATHS + 4` rounds. Where
+//! dense multipath begins with a path, that is the first one, if the level leaves it its threshold.
 //!
 //! Paths stay in order of delay, so that G falls into blocks of neighbours and each sample knows the few paths that
 //! reach it.
@@ -74,8 +75,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let strongest = samples.iter().map(power).fold(0.0, larger);
         let powers = |n: usize| samples.get(n).map_or(0.0, power);
         let beginning = Beginning::find(powers, samples.len(), self.sample_spacing_s, self.threshold * white);
-        let node = beginning.map_or(0, |beginning| beginning.sample);
-        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len(), node);
+        let begins = beginning.filter(|_| self.settings.begins_with_path).map(|beginning| beginning.sample);
+        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len(), begins.unwrap_or(0));
         let mut estimate = self.without_paths(NoiseLevel::open(white, &steps));
         let mut fit = Fit {
             estimator: self,
@@ -87,7 +88,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             posterior: Symmetric::zero(),
             threshold: self.threshold,
         };
-        if let Some(Beginning { sample, .. }) = beginning {
+        if let Some(sample) = begins {
             fit.begin(sample);
         }
         for _ in 0..FIRST_REFINEMENTS {
@@ -95,6 +96,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         }
         if let Some(Beginning { ahead, .. }) = beginning {
             fit.measure_tail(ahead);
+        }
+        if begins.is_some() {
             fit.set_levels();
             fit.settle();
             fit.rest();

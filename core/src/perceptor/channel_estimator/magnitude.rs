@@ -81,8 +81,8 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let powers = |n: usize| samples.get(n).map_or(0.0, |m| m * m);
         let threshold = self.magnitude_threshold * white;
         let beginning = Beginning::find(powers, samples.len(), self.sample_spacing_s, threshold);
-        let node = beginning.map_or(0, |beginning| beginning.sample);
-        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len(), node);
+        let begins = beginning.filter(|_| self.settings.begins_with_path).map(|beginning| beginning.sample);
+        let steps = LevelSteps::new(self.profile, self.sample_spacing_s, samples.len(), begins.unwrap_or(0));
         let mut estimate = self.without_paths(NoiseLevel::open(white, &steps));
         let mut fit = Search {
             estimator: self,
@@ -92,7 +92,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             triple: Triple::new(&self.table),
             threshold: self.magnitude_threshold,
         };
-        if let Some(peak) = beginning.and_then(|beginning| fit.fit(None, beginning.sample)) {
+        if let Some(peak) = begins.and_then(|sample| fit.fit(None, sample)) {
             // There is room.
             let _ = fit.peaks.push(peak);
         }
@@ -101,11 +101,13 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         }
         if let Some(Beginning { ahead, .. }) = beginning {
             fit.measure_tail(ahead, &steps);
+        }
+        if begins.is_some() {
             fit.refit();
         }
         for round in 0..PATHS + SPARE_ROUNDS {
             // A path at the beginning that is none was left out of the level.
-            if round > 0 || beginning.is_some() {
+            if round > 0 || begins.is_some() {
                 for _ in 0..REFINEMENTS {
                     fit.fit_noise(&steps, level_floor(strongest));
                 }

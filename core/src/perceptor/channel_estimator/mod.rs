@@ -89,11 +89,20 @@ pub struct EstimatorSettings {
     /// Two paths closer than this are one, pulse durations (0.05 to 1). Less: one path is now and then reported as two. More:
     /// two are reported as one. Chosen on simulated pairs of equal paths, half a pulse duration apart and more.
     pub merge_pulses: f32,
+    /// Whether dense multipath begins with a path. What rises at once is one then, as behind a wall, where real radios have no other; where
+    /// dense multipath far above the noise begins by itself, as an interferer's, it costs a false path in one frame of three.
+    pub begins_with_path: bool,
 }
 
 impl Default for EstimatorSettings {
     fn default() -> Self {
-        Self { dense_decay_s: 8e-9, dense_decay_pulses: 11.4, strong_sinr: 316.0, merge_pulses: 0.3 }
+        Self {
+            dense_decay_s: 8e-9,
+            dense_decay_pulses: 11.4,
+            strong_sinr: 316.0,
+            merge_pulses: 0.3,
+            begins_with_path: false,
+        }
     }
 }
 

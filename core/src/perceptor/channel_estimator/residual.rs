@@ -252,7 +252,12 @@ mod tests {
             sinr: 100.0,
             delay_variance_s2: 0.0,
         };
-        ChannelEstimate { paths: paths.iter().map(path).collect(), noise, dense: DenseMultipath::default() }
+        ChannelEstimate {
+            paths: paths.iter().map(path).collect(),
+            noise,
+            dense: DenseMultipath::default(),
+            threshold: 9.0,
+        }
     }
 
     fn samples(paths: &[(f32, Complex)]) -> StdVec<Complex> {

@@ -151,6 +151,7 @@ impl SlamRanges {
                 roll_off: 0.6,
                 sampled_pulse: None,
                 gain_control: false,
+                begins_with_path: false,
                 sample_spacing_s: None,
                 range_std_m: RANGE_STD_M,
                 range_bias_mean_m: 0.0,

@@ -67,12 +67,13 @@ pub(super) fn estimate<T: Real>(
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
     let white = white_level(&powers);
     let begins = beginning(estimator, &powers, estimator.fitted_threshold * white);
-    let noise = estimator.open_noise(white, samples.len(), begins);
+    let start = begins.filter(|_| estimator.settings.begins_with_path);
+    let noise = estimator.open_noise(white, samples.len(), start);
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let threshold = estimator.fitted_threshold;
     let (components, posterior) = (Vec::new(), Vec::new());
     let mut fit = Fit { estimator, samples, components, noise, floor, posterior, threshold };
-    if let Some([n, _]) = begins {
+    if let Some([n, _]) = start {
         let beside = |n: Option<usize>| n.and_then(|n| powers.get(n)).copied().unwrap_or(T::ZERO);
         let vertex = parabola_vertex(beside(n.checked_sub(1)), powers[n], beside(Some(n + 1)));
         let position = T::of_count(n) + vertex;
@@ -95,7 +96,11 @@ pub(super) fn estimate<T: Real>(
     if let Some([_, ahead]) = begins {
         let tail = tail(&powers[..ahead], &fit.noise.at_samples(ahead));
         fit.threshold = farther(estimator.fitted_threshold, tail);
-        fit.components[0].threshold = farther(estimator.beginning_threshold, tail);
+        for component in &mut fit.components {
+            component.threshold = farther(estimator.beginning_threshold, tail);
+        }
+    }
+    if start.is_some() {
         fit.set_levels();
         fit.settle();
         fit.rest();

@@ -46,9 +46,10 @@ pub(super) fn estimate<T: Real>(
     let white = white_level(&powers);
     let mut kappa = estimator.magnitude_threshold;
     let begins = beginning(estimator, &powers, kappa * white);
-    let mut noise = estimator.open_noise(white, samples.len(), begins);
+    let start = begins.filter(|_| estimator.settings.begins_with_path);
+    let mut noise = estimator.open_noise(white, samples.len(), start);
     let mut peaks: Vec<Peak<T>> = Vec::new();
-    if let Some([n, _]) = begins {
+    if let Some([n, _]) = start {
         peaks.extend(fit(estimator, samples, &noise, &peaks, None, n));
     }
     for _ in 0..FIRST_REFINEMENTS {
@@ -60,10 +61,12 @@ pub(super) fn estimate<T: Real>(
         for peak in &mut peaks {
             peak.threshold = farther(estimator.beginning_threshold, tail);
         }
+    }
+    if start.is_some() {
         refit(estimator, samples, &noise, &mut peaks);
     }
     for round in 0..estimator.most_paths + SPARE_ROUNDS {
-        if round > 0 || begins.is_some() {
+        if round > 0 || start.is_some() {
             for _ in 0..REFINEMENTS {
                 noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
             }
