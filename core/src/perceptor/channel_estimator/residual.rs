@@ -252,7 +252,8 @@ mod tests {
             sinr: 100.0,
             delay_variance_s2: 0.0,
         };
-        ChannelEstimate { paths: paths.iter().map(path).collect(), noise, dense: DenseMultipath::default() }
+        let paths = paths.iter().map(path).collect();
+        ChannelEstimate { paths, noise, dense: DenseMultipath::default(), threshold: own.threshold }
     }
 
     fn samples(paths: &[(f32, Complex)]) -> StdVec<Complex> {
