@@ -1,9 +1,12 @@
 //! The radio: its actions (carrier and pulse), the pulse as the receiver sees it, and how both ends of a link change their
 //! action together.
+//!
+//! For firmware of a DW1000 or DW3000: [`two_way`] makes a range of time stamps.
 
 pub mod library;
 pub mod link;
 pub mod pulse;
+pub mod two_way;
 
 use library::Action;
 use pulse::{Pulse, PulseShape};
