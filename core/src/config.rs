@@ -335,6 +335,7 @@ mod tests {
     use crate::model::anchor::Anchor;
     use crate::model::observation::{Observation, Range, RangeScan};
     use crate::model::plan::Map;
+    use crate::radio::accumulator::{AccumulatorFormat, Cir, Window, first_path_index};
     use crate::tracker::Tracker;
 
     const PLACES_M: [[f32; 2]; 4] = [[0.3, 0.2], [9.7, 0.4], [9.6, 7.7], [0.2, 7.8]];
@@ -413,6 +414,69 @@ mod tests {
             }
         }
         squares.map(|square| (square / f64::from(cycles - settled)).sqrt())
+    }
+
+    /// The same circle, all anchors at once, with the bytes of each one's response beside its range: a pulse that is greatest 2.0 samples
+    /// behind the index, a reflection that is 4 m longer with half its amplitude, and noise 30 dB below the pulse.
+    #[test]
+    fn responses_from_the_accumulator_are_tracked_beside_the_ranges() {
+        let preset = RadioPreset::Dw1000;
+        let start = Start { position_m: [5.0, 4.0], ..Config::pedestrian(preset).start };
+        let config = Config { start, ..Config::pedestrian(preset) };
+        let mut tracker = tracker(config, preset).unwrap();
+        let std_m = preset.range_std_m().unwrap();
+        let peak_samples = preset.peak_after_first_path_samples().unwrap();
+        let mut noise = Noise(3);
+        let (mut square_m2, mut paths) = (0.0, 0);
+        let pi = core::f64::consts::PI;
+        let sample_m = 299_792_458.0 / 998.4e6;
+        let pulse = |lag_m: f64| {
+            let x = lag_m / (2e-9 * 299_792_458.0) + 1e-9;
+            (pi * x).sin() / (pi * x) * (0.5 * pi * x).cos() / (1.0 - x * x)
+        };
+        for cycle in 0..300 {
+            let angle = 0.1 * f64::from(cycle) * 1.2 / 2.5;
+            let place_m = [5.0 + 2.5 * angle.cos(), 4.0 + 2.5 * angle.sin()];
+            let links = PLACES_M.map(|[x, y]| {
+                let direct_m = (place_m[0] - f64::from(x)).hypot(place_m[1] - f64::from(y));
+                let range_m = (direct_m + f64::from(std_m) * noise.normal()) as f32;
+                let register = 745 * 64 + (64.0 * noise.uniform()) as u16;
+                let index = first_path_index(register);
+                let first = Window::USUAL.first_sample(index).unwrap();
+                let phase = core::f64::consts::TAU * noise.uniform();
+                let mut bytes = std::vec::Vec::new();
+                for n in first..first + Window::USUAL.len() {
+                    let lag_m = (n as f64 - f64::from(index) - 2.0) * sample_m;
+                    let amplitude = 8000.0 * (pulse(lag_m) + 0.5 * pulse(lag_m - 4.0));
+                    for part in [phase.cos(), phase.sin()] {
+                        let value = amplitude * part + 8000.0 * 0.0316 / 2.0_f64.sqrt() * noise.normal();
+                        bytes.extend((value.round() as i16).to_le_bytes());
+                    }
+                }
+                let format = AccumulatorFormat::Bits16;
+                let cir = Cir::<128>::from_accumulator(&bytes, first, format, index, Window::USUAL).unwrap();
+                (cir, [Range { range_m, variance_m2: std_m * std_m }])
+            });
+            let mut observations = std::vec::Vec::new();
+            for (anchor, (cir, ranges)) in links.iter().enumerate() {
+                observations.push(Observation::Frame(cir.frame(anchor, 0, ranges[0].range_m, peak_samples)));
+                observations.push(Observation::Ranges(RangeScan { anchor, ranges }));
+            }
+            let report = tracker.cycle(&observations, 0.1, None).unwrap();
+            if cycle >= 50 {
+                let [x, y] = report.position_m.map(f64::from);
+                square_m2 += (x - place_m[0]).powi(2) + (y - place_m[1]).powi(2);
+                paths += report.measurements;
+            }
+        }
+        let rmse_m = (square_m2 / 250.0_f64).sqrt();
+        std::println!(
+            "with responses: {rmse_m:.3} m, {:.2} measurements per anchor",
+            f64::from(paths) / 1000.0
+        );
+        assert!(rmse_m < 0.2, "{rmse_m}");
+        // The range, which replaces the direct path, and the reflection.
+        assert!(paths > 1800 && paths < 2400, "{paths}");
     }
 
     #[test]

@@ -18,7 +18,7 @@
 //!   replies need not be alike. With perfect stamps it is 2 a b / (a + b) t: the rates are left in the range alone, 20 ppm of it at the
 //!   crystals' limit, 0.6 mm of 30 m.
 //!
-//! Differences and products are integers: a reply of 5 ms has 29 bits, so f32 would be off by metres. Results are kept to 2^-16 ticks
+//! Differences and products are integers: a reply of 5 ms has 29 bits, of which f32 keeps steps of 0.15 m. Results are kept to 2^-16 ticks
 //! (0.1 um) before they become f32. What is left is the stamps' own resolution of a tick: it puts a range of either kind off by less than
 //! a tick, with a deviation of 0.25 to 0.3 ticks, 1.2 to 1.4 mm (and the radio's error in finding the first path, which is far more).
 //!
