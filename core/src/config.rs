@@ -16,6 +16,7 @@ use crate::perceptor::association::Mode;
 use crate::perceptor::belief::BeliefSettings;
 use crate::perceptor::channel_estimator::EstimatorSettings;
 pub use crate::radio::Radio;
+use crate::radio::presets::RadioPreset;
 use crate::radio::pulse::PulseShape;
 
 /// The variants of multipath-assisted tracking that are told apart in publications (MINT: multipath-assisted indoor
@@ -118,14 +119,7 @@ impl Default for Config {
             discovery_settings: DiscoverySettings::default(),
             exact_map: false,
             estimator: EstimatorSettings::default(),
-            radio: Radio {
-                pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.6 },
-                sample_spacing_s: 0.25e-9,
-                samples_per_frame: 400,
-                full_scale: None,
-                gain_control: false,
-                false_paths_per_frame: 0.1,
-            },
+            radio: RadioPreset::Sounder.radio(),
             controller: ControllerSettings {
                 reward: Reward::InformationGain,
                 learning: Learning { rate: 0.5, experience_rate: 0.02, discount: 0.5, bootstrap: false },
@@ -148,6 +142,63 @@ impl Default for Config {
 }
 
 impl Config {
+    /// The published set-up, which is the default: its tag, its radio ([`RadioPreset::Sounder`]) and how many actions are planned. The
+    /// algorithm is the core's, for example with velocities that decay (published: constant); [`Self::with_variant`] tells the
+    /// published ways of association apart.
+    pub fn published() -> Self {
+        Self::default()
+    }
+
+    /// A tag that somebody carries indoors, with this radio. The library is the radio's ([`RadioPreset::library`]). `start.position_m` is
+    /// the user's: the middle of the room, say, with the deviation of a place anywhere in it.
+    ///
+    /// | setting | value | why |
+    /// | --- | --- | --- |
+    /// | acceleration density | 0.1 m^2/s^3 | as told of people in the random rooms of the simulator: 1 m/s^2 for 0.1 s at a time |
+    /// | velocity decay | 10 s | the default; with it the speed is sqrt(density x decay) = 1.0 m/s rms, that of somebody who walks |
+    /// | deviation of the first velocity, and of one after a turn | 0.7 m/s per axis | the same speed, in any direction |
+    /// | deviation of the first position | 1.5 m per axis | as the importer of MILUV |
+    ///
+    /// With a DW1000 or DW3000, as the importer of MILUV, which found them on one flight:
+    ///
+    /// | setting | value | why |
+    /// | --- | --- | --- |
+    /// | ranges late by | 1 m at first | people and walls block the direct path; each anchor's share and excess are learnt |
+    /// | bias of an anchor's ranges | 0 +- 0.15 m | antenna delays that nobody calibrated; 0.05 m or less where somebody did |
+    /// | false ranges | 0.02 per anchor and cycle | a radio that ranges rarely measures something else |
+    ///
+    /// The deviation of ranges comes with them ([`RadioPreset::range_std_m`]). All else is the default, `ranging.max_range_m` = 30 m among
+    /// it: more where the radio is heard further.
+    pub fn pedestrian(radio: RadioPreset) -> Self {
+        Self::mobile(radio, 0.1, 0.7)
+    }
+
+    /// A robot on wheels, at 0.3 to 0.8 m/s. As [`Self::pedestrian`], but:
+    ///
+    /// | setting | value | why |
+    /// | --- | --- | --- |
+    /// | acceleration density | 0.035 m^2/s^3 | as told of robots in the random rooms, median over 300 ways along walls |
+    /// | deviation of the first velocity, and of one after a turn | 0.42 m/s per axis | the speed that follows: 0.6 m/s rms |
+    ///
+    /// A faster one has the density times the square of its speed over 0.6 m/s, and the deviation of its speed over sqrt 2.
+    pub fn robot(radio: RadioPreset) -> Self {
+        Self::mobile(radio, 0.035, 0.42)
+    }
+
+    /// What the profiles have in common.
+    fn mobile(radio: RadioPreset, acceleration_density_m2_s3: f32, velocity_std_m_s: f32) -> Self {
+        let mut config = Self { radio: radio.radio(), ..Self::default() };
+        config.motion.acceleration_density_m2_s3 = acceleration_density_m2_s3;
+        config.start.position_std_m = 1.5;
+        config.start.velocity_std_m_s = velocity_std_m_s;
+        if radio.range_std_m().is_some() {
+            config.ranging.late_m = 1.0;
+            config.ranging.bias_std_m = 0.15;
+            config.association.clutter_per_anchor = 0.02;
+        }
+        config
+    }
+
     /// The same configuration for another variant: sets `association.mode`, `discovery` and `exact_map`, nothing else.
     /// Range biases are independent of it: see [`Ranging::bias_std_m`].
     #[must_use]
@@ -276,5 +327,180 @@ impl Config {
             within(scale, 1e-30, 1e30, Setting::RewardScale)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::anchor::Anchor;
+    use crate::model::observation::{Observation, Range, RangeScan};
+    use crate::model::plan::Map;
+    use crate::radio::accumulator::{AccumulatorFormat, Cir, Window, first_path_index};
+    use crate::tracker::Tracker;
+
+    const PLACES_M: [[f32; 2]; 4] = [[0.3, 0.2], [9.7, 0.4], [9.6, 7.7], [0.2, 7.8]];
+
+    fn tracker(config: Config, preset: RadioPreset) -> Result<Tracker<4, 2, 2, 1, 4, 40, 8, 0>, Error> {
+        let anchors = PLACES_M.map(|position_m| Anchor { position_m, height_m: 0.0 });
+        Tracker::new(config, &anchors, &Map::default(), preset.library(), 1)
+    }
+
+    #[test]
+    fn every_preset_is_accepted() {
+        assert_eq!(Config::published(), Config::default());
+        assert_eq!(Config::published().radio, RadioPreset::Sounder.radio());
+        for preset in RadioPreset::ALL {
+            for config in [Config::pedestrian(preset), Config::robot(preset)] {
+                config.validate().unwrap();
+                for variant in Variant::ALL {
+                    tracker(config.with_variant(variant), preset).unwrap();
+                }
+                // The speed told is the one that the motion has by itself.
+                let Motion { acceleration_density_m2_s3, velocity_decay_s, .. } = config.motion;
+                let per_axis_m_s = (0.5 * acceleration_density_m2_s3 * velocity_decay_s).sqrt();
+                assert!((config.start.velocity_std_m_s / per_axis_m_s - 1.0).abs() < 0.02, "{per_axis_m_s}");
+            }
+        }
+        tracker(Config::published(), RadioPreset::Sounder).unwrap();
+    }
+
+    /// Normal deviates (Box and Muller 1958) of a linear congruence.
+    struct Noise(u64);
+
+    impl Noise {
+        fn uniform(&mut self) -> f64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.0 >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+        }
+
+        fn normal(&mut self) -> f64 {
+            (-2.0 * self.uniform().ln()).sqrt() * (core::f64::consts::TAU * self.uniform()).cos()
+        }
+    }
+
+    /// Root mean squared errors of position (metres) and velocity (m/s) after the first 5 s of 60 s on a circle of 2.5 m at this speed,
+    /// at 10 cycles per second, with the four anchors at once or in turn. A share of the ranges is late by 1 m on average.
+    fn circle(config: Config, speed_m_s: f64, at_once: bool, late: f64, seed: u64) -> [f64; 2] {
+        let config = Config { start: Start { position_m: [5.0, 4.0], ..config.start }, ..config };
+        let mut tracker = tracker(config, RadioPreset::Dw1000).unwrap();
+        let std_m = RadioPreset::Dw1000.range_std_m().unwrap();
+        let mut noise = Noise(seed);
+        let mut squares = [0.0; 2];
+        let (cycles, settled) = (600, 50);
+        for cycle in 0..cycles {
+            let angle = 0.1 * f64::from(cycle) * speed_m_s / 2.5;
+            let (sin, cos) = angle.sin_cos();
+            let place_m = [5.0 + 2.5 * cos, 4.0 + 2.5 * sin];
+            let velocity_m_s = [-speed_m_s * sin, speed_m_s * cos];
+            let ranges = PLACES_M.map(|[x, y]| {
+                let direct_m = (place_m[0] - f64::from(x)).hypot(place_m[1] - f64::from(y));
+                let excess_m = if noise.uniform() < late { -noise.uniform().ln() } else { 0.0 };
+                let range_m = (direct_m + excess_m + f64::from(std_m) * noise.normal()) as f32;
+                [Range { range_m, variance_m2: std_m * std_m }]
+            });
+            let scans =
+                [0, 1, 2, 3].map(|anchor| Observation::Ranges(RangeScan { anchor, ranges: &ranges[anchor] }));
+            let turn = cycle as usize % 4;
+            let heard = if at_once { &scans[..] } else { &scans[turn..=turn] };
+            let report = tracker.cycle(heard, 0.1, None).unwrap();
+            if cycle >= settled {
+                for (square, (own, truth)) in squares
+                    .iter_mut()
+                    .zip([(report.position_m, place_m), (report.velocity_m_s, velocity_m_s)])
+                {
+                    *square +=
+                        (f64::from(own[0]) - truth[0]).powi(2) + (f64::from(own[1]) - truth[1]).powi(2);
+                }
+            }
+        }
+        squares.map(|square| (square / f64::from(cycles - settled)).sqrt())
+    }
+
+    /// The same circle, all anchors at once, with the bytes of each one's response beside its range: a pulse that is greatest 2.0 samples
+    /// behind the index, a reflection that is 4 m longer with half its amplitude, and noise 30 dB below the pulse.
+    #[test]
+    fn responses_from_the_accumulator_are_tracked_beside_the_ranges() {
+        let preset = RadioPreset::Dw1000;
+        let start = Start { position_m: [5.0, 4.0], ..Config::pedestrian(preset).start };
+        let config = Config { start, ..Config::pedestrian(preset) };
+        let mut tracker = tracker(config, preset).unwrap();
+        let std_m = preset.range_std_m().unwrap();
+        let peak_samples = preset.peak_after_first_path_samples().unwrap();
+        let mut noise = Noise(3);
+        let (mut square_m2, mut paths) = (0.0, 0);
+        let pi = core::f64::consts::PI;
+        let sample_m = 299_792_458.0 / 998.4e6;
+        let pulse = |lag_m: f64| {
+            let x = lag_m / (2e-9 * 299_792_458.0) + 1e-9;
+            (pi * x).sin() / (pi * x) * (0.5 * pi * x).cos() / (1.0 - x * x)
+        };
+        for cycle in 0..300 {
+            let angle = 0.1 * f64::from(cycle) * 1.2 / 2.5;
+            let place_m = [5.0 + 2.5 * angle.cos(), 4.0 + 2.5 * angle.sin()];
+            let links = PLACES_M.map(|[x, y]| {
+                let direct_m = (place_m[0] - f64::from(x)).hypot(place_m[1] - f64::from(y));
+                let range_m = (direct_m + f64::from(std_m) * noise.normal()) as f32;
+                let register = 745 * 64 + (64.0 * noise.uniform()) as u16;
+                let index = first_path_index(register);
+                let first = Window::USUAL.first_sample(index).unwrap();
+                let phase = core::f64::consts::TAU * noise.uniform();
+                let mut bytes = std::vec::Vec::new();
+                for n in first..first + Window::USUAL.len() {
+                    let lag_m = (n as f64 - f64::from(index) - 2.0) * sample_m;
+                    let amplitude = 8000.0 * (pulse(lag_m) + 0.5 * pulse(lag_m - 4.0));
+                    for part in [phase.cos(), phase.sin()] {
+                        let value = amplitude * part + 8000.0 * 0.0316 / 2.0_f64.sqrt() * noise.normal();
+                        bytes.extend((value.round() as i16).to_le_bytes());
+                    }
+                }
+                let format = AccumulatorFormat::Bits16;
+                let cir = Cir::<128>::from_accumulator(&bytes, first, format, index, Window::USUAL).unwrap();
+                (cir, [Range { range_m, variance_m2: std_m * std_m }])
+            });
+            let mut observations = std::vec::Vec::new();
+            for (anchor, (cir, ranges)) in links.iter().enumerate() {
+                observations.push(Observation::Frame(cir.frame(anchor, 0, ranges[0].range_m, peak_samples)));
+                observations.push(Observation::Ranges(RangeScan { anchor, ranges }));
+            }
+            let report = tracker.cycle(&observations, 0.1, None).unwrap();
+            if cycle >= 50 {
+                let [x, y] = report.position_m.map(f64::from);
+                square_m2 += (x - place_m[0]).powi(2) + (y - place_m[1]).powi(2);
+                paths += report.measurements;
+            }
+        }
+        let rmse_m = (square_m2 / 250.0_f64).sqrt();
+        std::println!(
+            "with responses: {rmse_m:.3} m, {:.2} measurements per anchor",
+            f64::from(paths) / 1000.0
+        );
+        assert!(rmse_m < 0.2, "{rmse_m}");
+        // The range, which replaces the direct path, and the reflection.
+        assert!(paths > 1800 && paths < 2400, "{paths}");
+    }
+
+    #[test]
+    fn both_profiles_track_who_walks_in_a_circle() {
+        let profiles = [
+            ("pedestrian", Config::pedestrian(RadioPreset::Dw1000), 1.2),
+            ("robot", Config::robot(RadioPreset::Dw1000), 0.6),
+            ("robot, told of somebody who walks", Config::robot(RadioPreset::Dw1000), 1.2),
+        ];
+        for (name, config, speed_m_s) in profiles {
+            for (how, at_once, late, most_m) in [
+                ("all at once", true, 0.0, 0.2),
+                ("one in ten late", true, 0.1, 0.2),
+                ("in turn", false, 0.0, 0.2),
+            ] {
+                let mut worst = [0.0_f64; 2];
+                for seed in 1..=5 {
+                    let errors = circle(config, speed_m_s, at_once, late, seed);
+                    worst = [0, 1].map(|of| worst[of].max(errors[of]));
+                }
+                std::println!("{name}, {how}: {:.3} m, {:.3} m/s at worst of 5", worst[0], worst[1]);
+                assert!(worst[0] < most_m && worst[1] < 0.5 * speed_m_s, "{name}, {how}: {worst:?}");
+            }
+        }
     }
 }

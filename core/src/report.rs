@@ -13,6 +13,11 @@ pub struct CycleReport {
     pub position_m: [f32; 2],
     /// Covariance of the position over all places that the tag may be at, square metres.
     pub position_covariance_m2: Matrix2<f32>,
+    /// Estimated velocity, m/s: that of the leading component, the same that [`crate::Tracker::filter`] shows. Meaningless while
+    /// `searching`.
+    pub velocity_m_s: [f32; 2],
+    /// Its covariance in the leading component alone, m^2/s^2: unlike that of the position, other places do not count.
+    pub velocity_covariance_m2_s2: Matrix2<f32>,
     /// Probability that the tag is at the leading place.
     pub probability: f32,
     /// Entropy of the position before the measurements, nats.

@@ -264,6 +264,8 @@ impl<
             cycle: *cycle,
             position_m: belief.summary().position_m,
             position_covariance_m2: belief.summary().covariance_m2,
+            velocity_m_s: [posterior.mean.z, posterior.mean.w],
+            velocity_covariance_m2_s2: posterior.velocity_covariance_m2_s2(),
             probability: belief.summary().probability,
             predicted_entropy_nat,
             entropy_nat: position_entropy_nat(&belief.summary().covariance_m2),
@@ -328,5 +330,35 @@ mod tests {
         let cycles = (0..300).take_while(|_| !(hear([8.0, 4.0]) < 0.1)).count();
         std::println!("carried 6.3 m away, three ranges a cycle: found within {cycles} cycles");
         assert!(cycles < 30, "{cycles}");
+    }
+
+    #[test]
+    fn the_report_has_the_velocity_of_a_tag_that_walks_straight() {
+        let places_m = [[0.0_f32, 0.0_f32], [10.0, 0.0], [5.0, 8.0]];
+        let anchors = places_m.map(|position_m| Anchor { position_m, height_m: 0.0 });
+        let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 1.0 };
+        let config = Config { start, ..Config::default() };
+        let mut tracker =
+            Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new(config, &anchors, &Map::default(), &LIBRARY_PUBLISHED, 1)
+                .unwrap();
+        for cycle in 1..=50_u8 {
+            let walked_s = 0.1 * f32::from(cycle);
+            let [x, y] = [2.0 + 0.8 * walked_s, 2.0 + 0.3 * walked_s];
+            let ranges =
+                places_m.map(|[ax, ay]| [Range { range_m: (x - ax).hypot(y - ay), variance_m2: 4e-4 }]);
+            let scans =
+                [0, 1, 2].map(|anchor| Observation::Ranges(RangeScan { anchor, ranges: &ranges[anchor] }));
+            let report = tracker.cycle(&scans, 0.1, None).unwrap();
+            let agent = tracker.filter().agent();
+            assert_eq!(report.velocity_m_s, [agent.mean.z, agent.mean.w]);
+            let covariance = report.velocity_covariance_m2_s2;
+            assert_eq!([covariance.m11, covariance.m22], [agent.covariance.m33, agent.covariance.m44]);
+            assert_eq!([covariance.m12, covariance.m21], [agent.covariance.m34, agent.covariance.m43]);
+            if cycle == 50 {
+                let [vx, vy] = report.velocity_m_s;
+                assert!((vx - 0.8).abs() < 0.05 && (vy - 0.3).abs() < 0.05, "{vx} {vy}");
+                assert!(covariance.m11 > 0.0 && covariance.m11 < 0.01, "{covariance}");
+            }
+        }
     }
 }

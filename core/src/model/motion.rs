@@ -10,7 +10,7 @@
 //! so that cutting a step in two changes nothing but rounding.
 
 use crate::real::{exp, expm1};
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix2, Matrix4, Vector4};
 
 /// How the tag moves and how much the map changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,6 +46,14 @@ pub struct Agent {
     pub mean: Vector4<f32>,
     /// Their covariance.
     pub covariance: Matrix4<f32>,
+}
+
+impl Agent {
+    /// Covariance of the velocity alone, m^2/s^2.
+    pub fn velocity_covariance_m2_s2(&self) -> Matrix2<f32> {
+        let c = &self.covariance;
+        Matrix2::new(c.m33, c.m34, c.m43, c.m44)
+    }
 }
 
 impl Start {

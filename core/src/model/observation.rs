@@ -1,6 +1,7 @@
 //! What the radio delivers in one cycle: raw frames, or ranges somebody else estimated.
 
 use crate::error::Error;
+use crate::radio::accumulator::Cir;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 
 /// Guard: against overflow: largest sample magnitude accepted: energies times squared ranges, summed over a frame, stay finite in f32.
@@ -133,6 +134,30 @@ pub struct Frame<'a> {
     pub first_sample_delay_s: f32,
     /// The samples.
     pub samples: Samples<'a>,
+}
+
+/// Here and not beside its type, as a radio knows no model.
+impl<const N: usize> Cir<N> {
+    /// The frame of this response, whose samples it borrows: of an anchor, received with an action (indexes), without a sequence number.
+    /// Its delays follow from the length of the first path as ranging has it (metres) and from by how many samples the pulse's
+    /// maximum comes behind the radio's first-path index: [`crate::radio::accumulator`] has the formula. The tracker refuses what is
+    /// not finite.
+    pub fn frame(
+        &self,
+        anchor: usize,
+        action: usize,
+        first_path_range_m: f32,
+        peak_after_first_path_samples: f32,
+    ) -> Frame<'_> {
+        Frame {
+            anchor,
+            action,
+            sequence: None,
+            first_sample_delay_s: self
+                .first_sample_delay_s(first_path_range_m, peak_after_first_path_samples),
+            samples: Samples::Complex(self.samples()),
+        }
+    }
 }
 
 /// A range estimated outside cogmint.

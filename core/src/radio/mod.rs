@@ -1,9 +1,15 @@
 //! The radio: its actions (carrier and pulse), the pulse as the receiver sees it, and how both ends of a link change their
 //! action together.
+//!
+//! For firmware of a DW1000 or DW3000: [`presets`] is what to tell the tracker of the radio, [`accumulator`] makes a frame of the bytes of
+//! a channel impulse response, and [`two_way`] a range of time stamps.
 
+pub mod accumulator;
 pub mod library;
 pub mod link;
+pub mod presets;
 pub mod pulse;
+pub mod two_way;
 
 use library::Action;
 use pulse::{Pulse, PulseShape};
