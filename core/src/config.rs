@@ -167,7 +167,8 @@ impl Config {
     /// | bias of an anchor's ranges | 0 +- 0.15 m | antenna delays that nobody calibrated; 0.05 m or less where somebody did |
     /// | false ranges | 0.02 per anchor and cycle | a radio that ranges rarely measures something else |
     ///
-    /// The deviation of ranges comes with them ([`RadioPreset::range_std_m`]). All else is the default, `ranging.max_range_m` = 30 m among
+    /// Dense multipath begins with a path ([`EstimatorSettings::begins_with_path`]), as in responses of such radios in flats and halls. The
+    /// deviation of ranges comes with them ([`RadioPreset::range_std_m`]). All else is the default, `ranging.max_range_m` = 30 m among
     /// it: more where the radio is heard further.
     pub fn pedestrian(radio: RadioPreset) -> Self {
         Self::mobile(radio, 0.1, 0.7)
@@ -195,6 +196,7 @@ impl Config {
             config.ranging.late_m = 1.0;
             config.ranging.bias_std_m = 0.15;
             config.association.clutter_per_anchor = 0.02;
+            config.estimator.begins_with_path = true;
         }
         config
     }

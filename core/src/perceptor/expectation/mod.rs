@@ -61,6 +61,7 @@ pub struct Prospect {
 
 /// Whether the path of a source that exists can be seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sighting {
     /// It is expected to be seen.
     Open,
