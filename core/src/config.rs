@@ -17,6 +17,7 @@ use crate::perceptor::belief::BeliefSettings;
 use crate::perceptor::channel_estimator::EstimatorSettings;
 pub use crate::radio::Radio;
 use crate::radio::pulse::PulseShape;
+use crate::snapshot::written;
 
 /// The variants of multipath-assisted tracking that are told apart in publications (MINT: multipath-assisted indoor
 /// navigation and tracking), for comparison; [`Config::with_variant`] selects one.
@@ -277,3 +278,19 @@ impl Config {
         Ok(())
     }
 }
+
+written!(Config {
+    motion,
+    start,
+    has_heading,
+    ranging,
+    association,
+    belief,
+    channel,
+    discovery,
+    discovery_settings,
+    exact_map,
+    estimator,
+    radio,
+    controller
+});

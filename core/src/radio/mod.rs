@@ -5,6 +5,7 @@ pub mod library;
 pub mod link;
 pub mod pulse;
 
+use crate::snapshot::written;
 use library::Action;
 use pulse::{Pulse, PulseShape};
 
@@ -35,3 +36,12 @@ impl Radio {
             .sampled_every(self.sample_spacing_s)
     }
 }
+
+written!(Radio {
+    pulse_shape,
+    sample_spacing_s,
+    samples_per_frame,
+    full_scale,
+    gain_control,
+    false_paths_per_frame
+});
