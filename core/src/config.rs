@@ -18,6 +18,7 @@ use crate::perceptor::channel_estimator::EstimatorSettings;
 pub use crate::radio::Radio;
 use crate::radio::presets::RadioPreset;
 use crate::radio::pulse::PulseShape;
+use crate::snapshot::written;
 
 /// The variants of multipath-assisted tracking that are told apart in publications (MINT: multipath-assisted indoor
 /// navigation and tracking), for comparison; [`Config::with_variant`] selects one.
@@ -331,6 +332,22 @@ impl Config {
         Ok(())
     }
 }
+
+written!(Config {
+    motion,
+    start,
+    has_heading,
+    ranging,
+    association,
+    belief,
+    channel,
+    discovery,
+    discovery_settings,
+    exact_map,
+    estimator,
+    radio,
+    controller
+});
 
 #[cfg(test)]
 mod tests {

@@ -60,6 +60,7 @@ pub mod perceptor;
 pub mod radio;
 pub mod real;
 pub mod report;
+pub mod snapshot;
 pub mod trace;
 pub mod tracker;
 
@@ -68,4 +69,5 @@ pub use error::{Error, Setting};
 pub use model::anchor::{Anchor, MappedVirtualAnchor};
 pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
 pub use report::{CycleReport, WallEstimate};
+pub use snapshot::SnapshotError;
 pub use tracker::Tracker;

@@ -9,6 +9,7 @@ pub mod joining;
 mod stages;
 mod start;
 mod state;
+mod store;
 mod values;
 
 use self::stages::{

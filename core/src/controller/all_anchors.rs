@@ -7,6 +7,7 @@ use crate::model::channel::ChannelKnowledge;
 use crate::perceptor::scan::Scan;
 use crate::radio::library::Library;
 use crate::radio::link::LinkStatus;
+use crate::snapshot::{Reader, Sink, SnapshotError, Stored, Written};
 use heapless::Vec;
 
 /// One controller for each anchor, or one for all, and who answered of late.
@@ -40,6 +41,11 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
             let _ = controllers.push(Controller::new(settings, library.all(), seed));
         }
         Self { controllers, anchors, links: LinkStatus::default() }
+    }
+
+    /// That of all randomness.
+    pub fn seed(&self) -> u64 {
+        self.controllers.first().map_or(0, Controller::seed)
     }
 
     /// Learns from a cycle that earned this, plans and decides. `sources` are those expected to be visible.
@@ -139,5 +145,22 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
     /// Who answered of late.
     pub fn links(&self) -> &LinkStatus<ANCHORS> {
         &self.links
+    }
+}
+
+impl<const ANCHORS: usize, const ACTIONS: usize> Written for Controllers<ANCHORS, ACTIONS> {
+    fn write(&self, to: &mut impl Sink) {
+        let Self { controllers, anchors: _, links } = self;
+        controllers.iter().for_each(|controller| controller.write(to));
+        links.write(to);
+    }
+}
+
+/// There are as many as were told.
+impl<const ANCHORS: usize, const ACTIONS: usize> Stored for Controllers<ANCHORS, ACTIONS> {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let Self { controllers, anchors: _, links } = self;
+        controllers.iter_mut().try_for_each(|controller| controller.read(from))?;
+        links.read(from)
     }
 }

@@ -17,6 +17,7 @@ pub use all_anchors::{Controllers, Decision};
 use crate::model::channel::ChannelKnowledge;
 use crate::radio::library::Allowed;
 use crate::radio::link::Hop;
+use crate::snapshot::{stored, written};
 use planning::{Ahead, Horizon, Planner, Visible};
 use policy::{Choice, LEAST_TURN_CYCLES, draw_other, explore, planned_set, policy, settle};
 use rand_core::{Rng, SeedableRng};
@@ -234,6 +235,11 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         true
     }
 
+    /// That of its randomness.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
     /// The actions it may choose.
     pub fn allowed(&self) -> &Allowed<ACTIONS> {
         &self.allowed
@@ -292,6 +298,25 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         &self.policy
     }
 }
+
+stored!(
+    Controller<const ACTIONS> {
+        decisions, values, policy, held, chosen, turn_cycles, turn_s, sought_with, hop, planned_reward
+    }
+    told { settings, allowed, seed }
+);
+written!(ControllerSettings {
+    reward,
+    learning,
+    choice,
+    planned_actions,
+    horizon,
+    first_action,
+    prior_sinr,
+    neighbours,
+    per_anchor,
+    rendezvous
+});
 
 #[cfg(test)]
 mod tests {

@@ -7,6 +7,7 @@ use super::value::ActionValues;
 use crate::model::clock::probability;
 use crate::radio::library::Allowed;
 use crate::real::{exp, larger, ln};
+use crate::snapshot::written;
 use rand_core::Rng;
 
 /// Tuned: against turns too short to settle on a place: cycles that a turn of the search for a lost tag has at least: what it takes to settle on a place.
@@ -140,6 +141,8 @@ pub fn explore<const ACTIONS: usize>(
     }
     None
 }
+
+written!(Choice { temperature_nat, exploration_per_s, hysteresis_nat, patience_s });
 
 #[cfg(test)]
 mod tests {

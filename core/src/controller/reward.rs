@@ -2,6 +2,7 @@
 
 use crate::information::entropy::{determinant, position_block, position_entropy_nat};
 use crate::real::{abs, limited, ln};
+use crate::snapshot::{Sink, Written};
 use nalgebra::Matrix4;
 
 /// Which reward the controller maximises.
@@ -47,6 +48,17 @@ pub fn reward(
                 -abs(ln(-change))
             }
         }
+    }
+}
+
+impl Written for Reward {
+    fn write(&self, to: &mut impl Sink) {
+        let (kind, scale): (u8, f32) = match self {
+            Self::InformationGain => (0, 0.0),
+            Self::EntropyChange => (1, 0.0),
+            Self::Published { scale } => (2, *scale),
+        };
+        (kind, scale).write(to);
     }
 }
 

@@ -5,6 +5,7 @@
 //! value is near 0; softmax and choice, which see differences only, are the published ones.
 
 use crate::radio::library::Allowed;
+use crate::snapshot::{stored, written};
 
 /// Learning parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,3 +89,6 @@ impl<const ACTIONS: usize> ActionValues<ACTIONS> {
         best.0
     }
 }
+
+stored!(ActionValues<const ACTIONS> { values } told {});
+written!(Learning { rate, experience_rate, discount, bootstrap });

@@ -7,6 +7,7 @@ use crate::model::measurement::Ranging;
 use crate::perceptor::association::AssociationSettings;
 use crate::perceptor::below_threshold::strength::Background;
 use crate::real::larger;
+use crate::snapshot::stored;
 
 /// Tuned: how fast surroundings change, as the variance of the walk per second over that of one scan: 5 % at 10 Hz. So does the
 /// number of measurements, and the usual noise of a place where it falls.
@@ -77,3 +78,5 @@ impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
         &self.unexplained
     }
 }
+
+stored!(ClutterMemory<const ANCHORS> { unexplained, backgrounds } told { settings, per_m });

@@ -15,6 +15,7 @@ use crate::model::source::Source;
 use crate::perceptor::association::outcome::AssociatedScan;
 use crate::perceptor::expectation::Sighting;
 use crate::real::smaller;
+use crate::snapshot::stored;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
@@ -431,6 +432,10 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         Some((self.free_slot()?, self.surfaces.iter().position(Option::is_none)?))
     }
 }
+
+stored!(blank Record { anchor, sequence, sighting, hits });
+stored!(blank SurfaceRecord { existence, is_told, may_join });
+stored!(EnvironmentMemory<const SURFACES, const SOURCES> { sources, surfaces, turn } told {});
 
 #[cfg(test)]
 mod tests {

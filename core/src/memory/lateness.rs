@@ -5,6 +5,7 @@
 
 use crate::model::lateness::{Lateness, Timing};
 use crate::real::{larger, limited, smaller};
+use crate::snapshot::stored;
 
 /// Guard: against a share learnt from a handful: ranges that what is assumed at the start is worth.
 pub const FIRST_RANGES: f32 = 10.0;
@@ -70,6 +71,9 @@ impl<const ANCHORS: usize> LatenessMemory<ANCHORS> {
         }
     }
 }
+
+stored!(Learnt { ranges, late, lateness } told {});
+stored!(LatenessMemory<const ANCHORS> { own } told {});
 
 #[cfg(test)]
 mod tests {

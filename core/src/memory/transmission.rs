@@ -6,6 +6,7 @@
 
 use crate::model::availability::{Crossing, USUAL_THROUGH};
 use crate::real::{larger, smaller};
+use crate::snapshot::stored;
 
 /// Tuned: seconds of looking that this counts for.
 pub const USUAL_S: f32 = 2.0;
@@ -71,6 +72,9 @@ impl<const SEGMENTS: usize> TransmissionMemory<SEGMENTS> {
         }
     }
 }
+
+stored!(Looks { found_s, looked_s } told {});
+stored!(TransmissionMemory<const SEGMENTS> { clear, walls } told {});
 
 #[cfg(test)]
 mod tests {

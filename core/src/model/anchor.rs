@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::real::abs;
+use crate::snapshot::written;
 
 /// A physical anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,3 +47,5 @@ impl MappedVirtualAnchor {
         if within { Ok(()) } else { Err(Error::Geometry { index }) }
     }
 }
+
+written!(Anchor { position_m, height_m });

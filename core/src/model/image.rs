@@ -10,6 +10,7 @@
 //! dR/dtheta = -2 (t u' + u t') makes the curvatures that the two walls have in common.
 
 use super::surface::{Line, Surface};
+use crate::snapshot::stored;
 use nalgebra::{Matrix2, Vector2};
 
 /// The surfaces that reflect a path, in order from the anchor outwards: one or two.
@@ -213,6 +214,8 @@ impl<'a> Mirror<'a> {
         Matrix2::new(first.x, second.x, first.y, second.y)
     }
 }
+
+stored!(blank Sequence { first, second, is_either_order });
 
 #[cfg(test)]
 mod tests {

@@ -12,6 +12,7 @@
 //! what a soft update makes of the moments S Z' / Z and S^2 Z'' / Z + S of an innovation.
 
 use crate::real::{erfc, exp, larger, sqrt};
+use crate::snapshot::stored;
 
 /// Mathematics: from this many deviations on the continued fraction of the tail of the normal distribution is exact to f32.
 pub const TAIL: f32 = 4.0;
@@ -103,6 +104,8 @@ fn upper_tail(t: f32) -> f32 {
         1.0 / (t + 1.0 / (t + 2.0 / (t + 3.0 / (t + 4.0 / (t + 5.0 / t)))))
     }
 }
+
+stored!(Lateness { share, mean_m } told {});
 
 #[cfg(test)]
 mod tests {

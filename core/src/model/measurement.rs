@@ -1,6 +1,7 @@
 //! Measurements of one anchor, and what they may be if they belong to nothing known.
 
 use crate::real::{expm1, larger, sqrt};
+use crate::snapshot::written;
 
 /// What a range is worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,3 +110,14 @@ pub struct Clutter {
 pub fn is_earlier(measurement: &Measurement, direct_m: f32, variance_m2: f32) -> bool {
     measurement.range_m < direct_m - 2.0 * sqrt(variance_m2 + measurement.variance_m2)
 }
+
+written!(Ranging {
+    variance_inflation,
+    floor_m,
+    floor_pulses,
+    alike_s,
+    bias_mean_m,
+    bias_std_m,
+    late_m,
+    max_range_m
+});

@@ -10,6 +10,7 @@
 //! so that cutting a step in two changes nothing but rounding.
 
 use crate::real::{exp, expm1};
+use crate::snapshot::{stored, written};
 use nalgebra::{Matrix2, Matrix4, Vector4};
 
 /// How the tag moves and how much the map changes.
@@ -192,6 +193,10 @@ impl MotionStep {
         predicted
     }
 }
+
+stored!(blank Motion { acceleration_density_m2_s3, velocity_decay_s, virtual_anchor_walk_m_sqrt_s });
+written!(Start { position_m, position_std_m, velocity_std_m_s });
+stored!(Agent { mean, covariance } told {});
 
 #[cfg(test)]
 mod tests {

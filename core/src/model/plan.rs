@@ -5,6 +5,7 @@ use super::detection::LOGISTIC;
 use super::surface::Line;
 use crate::error::Error;
 use crate::real::{abs, exp, larger, smaller, sqrt};
+use crate::snapshot::{Sink, Written, written};
 use heapless::Vec;
 
 /// Guard: against an outline believed to the letter: its deviation, metres.
@@ -334,6 +335,22 @@ fn wall(index: usize, told: &PlanWall, segments: &[PlanSegment]) -> Option<Wall>
     let line = Line { centre_m: [ax + middle_m * tx, ay + middle_m * ty], normal: [-ty, tx] };
     Some(Wall { line, half_length_m: 0.5 * (to_m - from_m), told: *told, surface: None, segments: [0; 2] })
 }
+
+impl Written for Inside {
+    fn write(&self, to: &mut impl Sink) {
+        let kind: u8 = match self {
+            Self::Before => 0,
+            Self::Behind => 1,
+            Self::Either => 2,
+        };
+        kind.write(to);
+    }
+}
+
+written!(PlanWall { offset_std_m, rotation_std_rad });
+written!(Wall { line, half_length_m, told, surface, segments });
+written!(Segment { wall, inside, extent_m });
+written!(FloorPlan<const SEGMENTS> { walls, segments, outline_m });
 
 #[cfg(test)]
 mod tests {

@@ -3,6 +3,8 @@
 //! A wall is known but for two numbers: by how much it is shifted along its normal, and by how much it is turned about its
 //! centre. Where no wall is known, the image that is seen in it is uncertain itself: a private surface of one anchor.
 
+use crate::snapshot::{Blank, Reader, Sink, SnapshotError, Stored, Written, written};
+
 /// A line in the plane by a point on it and its unit normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -67,4 +69,45 @@ pub enum Surface {
         /// Turns per second.
         turns_per_s: f32,
     },
+}
+
+written!(Line { centre_m, normal });
+
+impl Written for Surface {
+    fn write(&self, to: &mut impl Sink) {
+        // As long for every kind.
+        let (kind, numbers): (u8, [f32; 4]) = match self {
+            Self::Wall(Line { centre_m: [x, y], normal: [nx, ny] }) => (0, [*x, *y, *nx, *ny]),
+            Self::Private => (1, [0.0; 4]),
+            Self::Heading { turns_per_s } => (2, [*turns_per_s, 0.0, 0.0, 0.0]),
+        };
+        (kind, numbers).write(to);
+    }
+}
+
+impl Stored for Surface {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let [kind] = from.take()?;
+        let mut numbers = [0.0; 4];
+        for number in &mut numbers {
+            *number = f32::from_le_bytes(from.take()?);
+        }
+        let [x, y, nx, ny] = numbers;
+        let surface = match kind {
+            0 => Self::Wall(Line { centre_m: [x, y], normal: [nx, ny] }),
+            1 => Self::Private,
+            2 => Self::Heading { turns_per_s: x },
+            _ => return Err(SnapshotError::Damaged),
+        };
+        if !from.is_trial() {
+            *self = surface;
+        }
+        Ok(())
+    }
+}
+
+impl Blank for Surface {
+    fn blank() -> Self {
+        Self::Private
+    }
 }

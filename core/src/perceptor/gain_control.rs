@@ -14,6 +14,7 @@
 use crate::model::clock::gain;
 use crate::model::observation::Samples;
 use crate::real::{exp, larger, limited, ln};
+use crate::snapshot::stored;
 
 /// Mathematics: what stands out: this many times the white noise, which 3 in 10 000 samples of noise alone exceed.
 pub const STANDS_OUT: f32 = 8.0;
@@ -112,6 +113,8 @@ fn standing_out(samples: Samples<'_>, least: f32) -> f32 {
     }
     limited(sum, least, 1e36)
 }
+
+stored!(GainControl { standing_ln, sought } told {});
 
 #[cfg(test)]
 mod tests {

@@ -13,6 +13,7 @@ use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, smaller};
+use crate::snapshot::stored;
 use heapless::Vec;
 
 /// What the receiver is told of an anchor's link.
@@ -329,3 +330,8 @@ fn build_estimator<const PATHS: usize>(
         estimator,
     )
 }
+
+stored!(
+    Receiver<const ANCHORS, const PATHS, const POINTS> { gain_control, last_sequence, silent_s, threshold, residuals }
+    told { radio, estimator_settings, ranging, estimator, estimator_pulse, leaves }
+);

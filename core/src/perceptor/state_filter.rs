@@ -47,6 +47,7 @@ use crate::model::source::{Sight, Source};
 use crate::model::surface::Surface;
 use crate::perceptor::association::outcome::Innovation;
 use crate::real::{exp, larger, smaller, sqrt};
+use crate::snapshot::stored;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
 
 /// Guard: against the rounding of the updates of a cycle: relative growth of every variance before them, 2^-19.
@@ -1148,6 +1149,14 @@ fn scale<'a, R: nalgebra::Dim, S: nalgebra::RawStorageMut<f32, R>>(
         *entry *= row * factor;
     }
 }
+
+stored!(blank Covariance<const ANCHORS, const SURFACES> { xx, xb, bb, xs, bs, ss });
+stored!(blank StateVector<const ANCHORS, const SURFACES> { agent, bias_m, surfaces });
+stored!(
+    blank StateFilter<const ANCHORS, const SURFACES> {
+        mean, covariance, surfaces, estimate_bias, bias_limit_m2, motion, reach_m
+    }
+);
 
 #[cfg(test)]
 mod tests {

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Setting};
 use crate::real::{SPEED_OF_LIGHT_M_S, abs, larger, smaller};
+use crate::snapshot::written;
 use heapless::Vec;
 
 /// What the radio can be told: a carrier and a pulse.
@@ -166,6 +167,9 @@ impl<const ACTIONS: usize> Library<ACTIONS> {
         (low + (position - index as f32) * (high - low)) * narrower
     }
 }
+
+written!(Action { carrier_hz, pulse_duration_s });
+written!(Library<const ACTIONS> { actions });
 
 #[cfg(test)]
 mod tests {

@@ -8,6 +8,8 @@
 //! Where one tag chooses for several anchors, one of them may be gone while the others answer. The tag then calls all of
 //! them to the rendezvous, for a few cycles ([`LinkStatus`]); an anchor that is out of reach is called again only now and then.
 
+use crate::snapshot::stored;
+
 /// Guard: against ends that wait for each other: frames lost in a row after which an end goes to the rendezvous. The same at both
 /// ends, so no setting of one.
 pub const LOST_FRAMES: u32 = 3;
@@ -106,6 +108,9 @@ impl<const ANCHORS: usize> LinkStatus<ANCHORS> {
         &self.lost
     }
 }
+
+stored!(blank Hop { present, announced, rendezvous, lost });
+stored!(LinkStatus<const ANCHORS> { lost } told {});
 
 #[cfg(test)]
 mod tests {

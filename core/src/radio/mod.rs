@@ -11,6 +11,7 @@ pub mod presets;
 pub mod pulse;
 pub mod two_way;
 
+use crate::snapshot::written;
 use library::Action;
 use pulse::{Pulse, PulseShape};
 
@@ -41,3 +42,12 @@ impl Radio {
             .sampled_every(self.sample_spacing_s)
     }
 }
+
+written!(Radio {
+    pulse_shape,
+    sample_spacing_s,
+    samples_per_frame,
+    full_scale,
+    gain_control,
+    false_paths_per_frame
+});

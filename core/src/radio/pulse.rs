@@ -6,6 +6,7 @@
 //! Any other pulse comes as samples of its R, for example one measured over a cable: beta^2 = -R''(0) / (4 pi^2).
 
 use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, exp, larger, limited, sin, sqrt};
+use crate::snapshot::{Sink, Written};
 
 /// Mathematics: grid of the table, steps per pulse duration.
 pub const STEPS: usize = 64;
@@ -232,6 +233,18 @@ impl PulseTable {
     /// Samples per pulse duration.
     pub fn samples_per_pulse(&self) -> f32 {
         STEPS as f32 / self.steps_per_sample
+    }
+}
+
+impl Written for PulseShape {
+    fn write(&self, to: &mut impl Sink) {
+        match self {
+            Self::RootRaisedCosine { roll_off } => (0_u8, *roll_off).write(to),
+            Self::Sampled { step_s, autocorrelation } => {
+                (1_u8, *step_s).write(to);
+                autocorrelation.write(to);
+            }
+        }
     }
 }
 

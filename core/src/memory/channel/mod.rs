@@ -29,6 +29,7 @@ use crate::model::measurement::Measurement;
 use crate::model::source::Source;
 use crate::radio::library::Library;
 use crate::real::{abs, exp, larger, limited, ln, smaller};
+use crate::snapshot::{stored, written};
 
 /// How the channel memory follows what it hears.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -472,6 +473,23 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize> ChannelKn
 fn level_ln(level: f32) -> f32 {
     ln(limited(level, 1e-30, 1e30))
 }
+
+stored!(
+    Row<const ACTIONS> {
+        paths, energy_ln, spread_ln, visibility, lasting, unseen, noise_ln, usual_ln, excess_ln
+    } told {}
+);
+stored!(
+    ChannelMemory<const ANCHORS, const SOURCES, const ACTIONS> { direct, virtual_anchors, heard, full_band, loss_ln }
+    told { settings, prior_ln, neighbours }
+);
+written!(ChannelMemorySettings {
+    forgetting_per_s,
+    energy_walk_per_s,
+    noise_walk_per_s,
+    place_ln,
+    hiding_per_s
+});
 
 #[cfg(test)]
 mod tests {

@@ -8,6 +8,7 @@ use crate::model::measurement::Measurement;
 use crate::model::range::{LEAST_RADIUS2_M2, height_variance_m2};
 use crate::model::soft_update::{LEAST_WEIGHT, Moments};
 use crate::real::{TAU, exp, larger, limited, smaller, sqrt};
+use crate::snapshot::stored;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
@@ -289,3 +290,5 @@ impl Candidate {
         self.hypotheses.iter().for_each(|hypothesis| hypothesis.visit(f));
     }
 }
+
+stored!(blank Candidate { origin_m, hypotheses, existence, hits, age, missed });

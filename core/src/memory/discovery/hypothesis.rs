@@ -13,6 +13,7 @@ use crate::model::matrix::product;
 use crate::model::range::{FivePoints, SIGMA_POINT, height_variance_m2};
 use crate::model::soft_update::{Moments, SoftUpdate};
 use crate::real::{larger, sqrt};
+use crate::snapshot::stored;
 use nalgebra::{Matrix2, Vector2};
 
 /// Guard: against the division by its root: least variance of an angle.
@@ -277,3 +278,7 @@ fn rotation(parameter: f32) -> [f32; 2] {
 pub(super) fn turned([x, y]: [f32; 2], [c, s]: [f32; 2]) -> [f32; 2] {
     [x * c - y * s, x * s + y * c]
 }
+
+stored!(
+    blank Hypothesis { direction, radius_m, covariance, cross, tag_shift_m, tag_covariance, weight }
+);

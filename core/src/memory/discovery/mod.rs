@@ -18,6 +18,7 @@ use self::common_motion::{Correction, Prediction};
 use crate::model::measurement::Measurement;
 use crate::model::motion::{Agent, MotionStep};
 use crate::real::{abs, larger, sqrt};
+use crate::snapshot::{stored, written};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
@@ -290,6 +291,9 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         self.candidates.iter().flatten().for_each(|candidate| candidate.visit(&mut f));
     }
 }
+
+stored!(Discovery<const ANCHORS> { candidates } told { settings });
+written!(DiscoverySettings { begin_below_m, resolved_hits, resolved_weight });
 
 #[cfg(test)]
 mod tests {

@@ -30,6 +30,7 @@ pub mod outcome;
 use super::expectation::Expectation;
 use crate::model::measurement::Measurement;
 use crate::real::larger;
+use crate::snapshot::{Sink, Written, written};
 use background::Background;
 use exact::{STATES, Trellis};
 use factors::{Rows, Stage, members};
@@ -298,6 +299,20 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
         }
     }
 }
+
+impl Written for Mode {
+    fn write(&self, to: &mut impl Sink) {
+        (*self == Self::Map).write(to);
+    }
+}
+
+written!(AssociationSettings {
+    mode,
+    detection_probability,
+    clutter_per_anchor,
+    unmapped_per_anchor,
+    map_change_per_s
+});
 
 #[cfg(test)]
 mod tests {

@@ -5,6 +5,7 @@ use super::outage::Outages;
 use crate::model::motion::Agent;
 use crate::perceptor::state_filter::StateFilter;
 use crate::real::{larger, ln, sqrt};
+use crate::snapshot::stored;
 
 /// Guard: against a plan believed to the letter: least probability of a way through a wall.
 pub const LEAST_THROUGH: f32 = 0.05;
@@ -288,3 +289,6 @@ pub(in crate::perceptor::belief) mod tests {
         assert!((f64::from(apart(&own, &skewed)) - exact).abs() < 1e-5, "{exact}");
     }
 }
+
+stored!(blank Hindrance { from_m, nat });
+stored!(blank Component<const ANCHORS, const SURFACES> { filter, weight_nat, age, outages, hindrance });

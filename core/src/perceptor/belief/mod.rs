@@ -31,6 +31,7 @@ use crate::model::region::Region;
 use crate::perceptor::association::outage::weigh;
 use crate::perceptor::state_filter::StateFilter;
 use crate::real::{exp, larger, ln, smaller, sqrt};
+use crate::snapshot::{stored, written};
 use heapless::Vec;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
@@ -514,6 +515,24 @@ fn sum_nat(a: f32, b: f32) -> f32 {
     let (most, least) = if a > b { (a, b) } else { (b, a) };
     most + ln(1.0 + exp(least - most))
 }
+
+stored!(
+    TagBelief<const ANCHORS, const SURFACES, const COMPONENTS> {
+        components, slots, crowded_out, leader, trusted, summary, anywhere_nat, outages, explained, is_doubtful, heard
+    }
+    told { settings, speed_m2_s2, region }
+);
+written!(BeliefSettings {
+    turns_per_s,
+    elsewhere_per_s,
+    split_above_m,
+    outages_per_s,
+    returns_per_s,
+    comparisons,
+    walls_bar_ways,
+    walls_hide_paths,
+    reads_below_threshold
+});
 
 #[cfg(test)]
 mod tests {

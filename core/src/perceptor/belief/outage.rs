@@ -6,6 +6,7 @@
 
 use super::BeliefSettings;
 use crate::real::exp;
+use crate::snapshot::{Blank, Reader, Sink, SnapshotError, Stored, Written};
 
 /// Probability of an outage, by anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +54,24 @@ impl<const ANCHORS: usize> Outages<ANCHORS> {
 /// Share of the time that an anchor is out.
 fn usual(settings: &BeliefSettings) -> f32 {
     settings.outages_per_s / (settings.outages_per_s + settings.returns_per_s)
+}
+
+impl<const ANCHORS: usize> Written for Outages<ANCHORS> {
+    fn write(&self, to: &mut impl Sink) {
+        self.0.write(to);
+    }
+}
+
+impl<const ANCHORS: usize> Stored for Outages<ANCHORS> {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        self.0.read(from)
+    }
+}
+
+impl<const ANCHORS: usize> Blank for Outages<ANCHORS> {
+    fn blank() -> Self {
+        Self([0.0; ANCHORS])
+    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use super::component::Component;
 use crate::model::motion::Agent;
 use crate::model::region::Region;
 use crate::real::{exp, larger, smaller};
+use crate::snapshot::stored;
 use nalgebra::Matrix2;
 
 /// Mathematics: components are one place where they are nearer than so many deviations of the one, squared, per axis, beyond
@@ -166,6 +167,8 @@ fn within<const ANCHORS: usize, const SURFACES: usize>(
     }
     sum
 }
+
+stored!(Summary { position_m, probability, covariance_m2 } told {});
 
 #[cfg(test)]
 mod tests {

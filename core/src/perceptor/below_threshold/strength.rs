@@ -9,6 +9,7 @@
 //! T_s(z) / P_s times as probable. SINRs are known within some dB only: they are shared out over a few classes.
 
 use crate::real::{abs, exp, limited, smaller};
+use crate::snapshot::stored;
 
 /// Mathematics: grid of SINRs: classes.
 pub const CLASSES: usize = 5;
@@ -161,6 +162,8 @@ impl Background {
         }
     }
 }
+
+stored!(Background { noise, paths } told {});
 
 #[cfg(test)]
 mod tests {

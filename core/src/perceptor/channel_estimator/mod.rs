@@ -25,6 +25,7 @@ pub mod residual;
 use crate::model::observation::{Complex, SampleFault, Samples};
 use crate::radio::pulse::{Pulse, PulseTable};
 use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, ln, sqrt};
+use crate::snapshot::written;
 use beginning::{BEGINNING_SHARE, threshold_beside};
 use heapless::Vec;
 use interpolation::Interpolation;
@@ -250,6 +251,14 @@ fn fitted_threshold(pulse: &Pulse, profile: &Profile, cut: &Cut, threshold: f32)
 fn fitted_samples(pulse: &Pulse, profile: &Profile) -> f32 {
     profile.length_s() / pulse.effective_duration_s()
 }
+
+written!(EstimatorSettings {
+    dense_decay_s,
+    dense_decay_pulses,
+    strong_sinr,
+    merge_pulses,
+    begins_with_path
+});
 
 #[cfg(test)]
 mod tests {

@@ -17,6 +17,7 @@ use super::{ChannelEstimate, ChannelEstimator, cut_of};
 use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::MERGED;
 use crate::real::{SPEED_OF_LIGHT_M_S, floor, larger, smaller};
+use crate::snapshot::stored;
 use heapless::Vec;
 
 /// Mathematics: grid of the energies kept: steps per level.
@@ -223,6 +224,8 @@ fn steps_of(energy: f32) -> u8 {
     // Not negative, so truncation is the floor.
     if steps < f32::from(MOST) { steps as u8 } else { MOST }
 }
+
+stored!(Residual<const POINTS> { first_m, points_per_m, energies } told {});
 
 #[cfg(test)]
 mod tests {

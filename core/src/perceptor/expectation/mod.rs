@@ -15,6 +15,7 @@ use crate::model::measurement::Measurement;
 use crate::model::range::Regression;
 use crate::radio::pulse::Pulse;
 use crate::real::{limited, smaller};
+use crate::snapshot::{Blank, Reader, Sink, SnapshotError, Stored, Written};
 use heapless::Vec;
 
 /// What is expected of one feature before the measurements arrive.
@@ -271,5 +272,26 @@ fn view(prospect: &Prospect, detection: &Detection) -> View {
         present: present * (UNAVAILABLE_DETECTION + (1.0 - UNAVAILABLE_DETECTION) * availability),
         sinr_now: sinr_now(channel, prospect.sinr_here),
         is_seen: seen,
+    }
+}
+
+impl Written for Sighting {
+    fn write(&self, to: &mut impl Sink) {
+        (*self == Self::Hidden).write(to);
+    }
+}
+
+impl Stored for Sighting {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let mut is_hidden = *self == Self::Hidden;
+        is_hidden.read(from)?;
+        *self = if is_hidden { Self::Hidden } else { Self::Open };
+        Ok(())
+    }
+}
+
+impl Blank for Sighting {
+    fn blank() -> Self {
+        Self::Open
     }
 }

@@ -9,6 +9,8 @@
 //! ([`Pending`]) until several are made in one pass, and a row that an update needs is taken as it stands with those that wait.
 //! Every entry sees the same changes in the same order: the bits are those of one change after the other.
 
+use crate::snapshot::stored;
+
 use nalgebra::{Matrix2, Vector2};
 
 /// The covariance of `SURFACES` surfaces.
@@ -285,6 +287,8 @@ impl<const SURFACES: usize> SurfaceCovariance<SURFACES> {
         }
     }
 }
+
+stored!(blank SurfaceCovariance<const SURFACES> { cells, beside });
 
 #[cfg(test)]
 mod tests {

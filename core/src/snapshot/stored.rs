@@ -1,0 +1,269 @@
+//! How values are coded.
+
+use super::{Reader, Sink, SnapshotError};
+use heapless::Vec;
+use nalgebra::SMatrix;
+
+/// What can be written.
+pub(crate) trait Written {
+    /// Writes it.
+    fn write(&self, to: &mut impl Sink);
+}
+
+/// State that can be stored.
+pub(crate) trait Stored: Written {
+    /// Reads it where it is. On trial nothing changes.
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError>;
+}
+
+/// State of which lists and options have more or less.
+pub(crate) trait Blank: Stored {
+    /// A value to read into.
+    fn blank() -> Self;
+}
+
+macro_rules! numbers {
+    ($($number:ty),*) => {$(
+        impl Written for $number {
+            fn write(&self, to: &mut impl Sink) {
+                self.to_le_bytes().into_iter().for_each(|byte| to.byte(byte));
+            }
+        }
+
+        impl Stored for $number {
+            fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+                let value = Self::from_le_bytes(from.take()?);
+                if !from.is_trial() {
+                    *self = value;
+                }
+                Ok(())
+            }
+        }
+
+        impl Blank for $number {
+            fn blank() -> Self {
+                Self::default()
+            }
+        }
+    )*};
+}
+
+numbers!(u8, u16, u32, u64, f32);
+
+/// Four bytes, whatever the width of a pointer.
+impl Written for usize {
+    fn write(&self, to: &mut impl Sink) {
+        (*self as u32).write(to);
+    }
+}
+
+impl Stored for usize {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let value = u32::from_le_bytes(from.take()?);
+        if !from.is_trial() {
+            *self = value as usize;
+        }
+        Ok(())
+    }
+}
+
+impl Blank for usize {
+    fn blank() -> Self {
+        0
+    }
+}
+
+impl Written for bool {
+    fn write(&self, to: &mut impl Sink) {
+        to.byte(u8::from(*self));
+    }
+}
+
+impl Stored for bool {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let [value] = from.take()?;
+        if value > 1 {
+            return Err(SnapshotError::Damaged);
+        }
+        if !from.is_trial() {
+            *self = value == 1;
+        }
+        Ok(())
+    }
+}
+
+impl Blank for bool {
+    fn blank() -> Self {
+        false
+    }
+}
+
+impl<T: Written, const N: usize> Written for [T; N] {
+    fn write(&self, to: &mut impl Sink) {
+        self.iter().for_each(|value| value.write(to));
+    }
+}
+
+impl<T: Stored, const N: usize> Stored for [T; N] {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        self.iter_mut().try_for_each(|value| value.read(from))
+    }
+}
+
+impl<T: Blank, const N: usize> Blank for [T; N] {
+    fn blank() -> Self {
+        core::array::from_fn(|_| T::blank())
+    }
+}
+
+impl<const ROWS: usize, const COLUMNS: usize> Written for SMatrix<f32, ROWS, COLUMNS> {
+    fn write(&self, to: &mut impl Sink) {
+        self.iter().for_each(|value| value.write(to));
+    }
+}
+
+impl<const ROWS: usize, const COLUMNS: usize> Stored for SMatrix<f32, ROWS, COLUMNS> {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        self.iter_mut().try_for_each(|value| value.read(from))
+    }
+}
+
+impl<const ROWS: usize, const COLUMNS: usize> Blank for SMatrix<f32, ROWS, COLUMNS> {
+    fn blank() -> Self {
+        Self::zeros()
+    }
+}
+
+impl<T: Written> Written for Option<T> {
+    fn write(&self, to: &mut impl Sink) {
+        self.is_some().write(to);
+        if let Some(value) = self {
+            value.write(to);
+        }
+    }
+}
+
+impl<T: Blank> Stored for Option<T> {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        match from.take()? {
+            [0] if from.is_trial() => {}
+            [0] => *self = None,
+            [1] if from.is_trial() => T::blank().read(from)?,
+            [1] => self.insert(T::blank()).read(from)?,
+            _ => return Err(SnapshotError::Damaged),
+        }
+        Ok(())
+    }
+}
+
+impl<T: Blank> Blank for Option<T> {
+    fn blank() -> Self {
+        None
+    }
+}
+
+impl<T: Written, const N: usize> Written for Vec<T, N> {
+    fn write(&self, to: &mut impl Sink) {
+        (self.len() as u16).write(to);
+        self.iter().for_each(|value| value.write(to));
+    }
+}
+
+impl<T: Blank, const N: usize> Stored for Vec<T, N> {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let count = usize::from(u16::from_le_bytes(from.take()?));
+        if count > N {
+            return Err(SnapshotError::Damaged);
+        }
+        if from.is_trial() {
+            return (0..count).try_for_each(|_| T::blank().read(from));
+        }
+        self.truncate(count);
+        while self.len() < count {
+            // There is room.
+            let _ = self.push(T::blank());
+        }
+        self.iter_mut().try_for_each(|value| value.read(from))
+    }
+}
+
+impl<T: Blank, const N: usize> Blank for Vec<T, N> {
+    fn blank() -> Self {
+        Self::new()
+    }
+}
+
+macro_rules! tuples {
+    ($($name:ident)*) => {
+        impl<$($name: Written),*> Written for ($($name,)*) {
+            #[allow(non_snake_case)]
+            fn write(&self, to: &mut impl Sink) {
+                let ($($name,)*) = self;
+                $($name.write(to);)*
+            }
+        }
+
+        impl<$($name: Stored),*> Stored for ($($name,)*) {
+            #[allow(non_snake_case)]
+            fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+                let ($($name,)*) = self;
+                $($name.read(from)?;)*
+                Ok(())
+            }
+        }
+
+        impl<$($name: Blank),*> Blank for ($($name,)*) {
+            fn blank() -> Self {
+                ($($name::blank(),)*)
+            }
+        }
+    };
+}
+
+tuples!(A B);
+tuples!(A B C D);
+
+/// Writes a struct by its fields, all of which are named: those before `told` in this order; those after it are what the tracker was
+/// told, or follow from it.
+macro_rules! written {
+    ($type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? } told { $($told:ident),* $(,)? }) => {
+        impl $(<$(const $size: usize),*>)? $crate::snapshot::Written for $type $(<$($size),*>)? {
+            fn write(&self, to: &mut impl $crate::snapshot::Sink) {
+                let Self { $($field,)* $($told: _,)* } = self;
+                $($crate::snapshot::Written::write($field, to);)*
+            }
+        }
+    };
+    ($type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? }) => {
+        $crate::snapshot::written!($type $(<$(const $size),*>)? { $($field),* } told {});
+    };
+}
+
+/// [`written!`], and reads it. With `blank` in front, lists may have more or less of it.
+macro_rules! stored {
+    (blank $type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? }) => {
+        $crate::snapshot::stored!($type $(<$(const $size),*>)? { $($field),* } told {});
+
+        impl $(<$(const $size: usize),*>)? $crate::snapshot::Blank for $type $(<$($size),*>)? {
+            fn blank() -> Self {
+                Self { $($field: $crate::snapshot::Blank::blank()),* }
+            }
+        }
+    };
+    ($type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? } told { $($told:ident),* $(,)? }) => {
+        $crate::snapshot::written!($type $(<$(const $size),*>)? { $($field),* } told { $($told),* });
+
+        impl $(<$(const $size: usize),*>)? $crate::snapshot::Stored for $type $(<$($size),*>)? {
+            fn read(
+                &mut self,
+                from: &mut $crate::snapshot::Reader<'_>,
+            ) -> Result<(), $crate::snapshot::SnapshotError> {
+                let Self { $($field,)* $($told: _,)* } = self;
+                $($crate::snapshot::Stored::read($field, from)?;)*
+                Ok(())
+            }
+        }
+    };
+}
+
+pub(crate) use {stored, written};
