@@ -38,6 +38,9 @@ pub const REFINEMENTS: usize = 6;
 pub const DOUBTFUL: f32 = 2.0;
 /// Capacity: passes over the moving delays after each new path, which bound their time.
 pub const PASSES: usize = 24;
+/// Capacity: work of a frame after which nothing is moved or added any more, which bounds its time: a unit is one component taken off
+/// where another one moves, or sixteen elements of a posterior to the third power of its size.
+pub const MOST_WORK: u32 = 4000;
 /// Guard: against endless small steps; a delay stands still that moves no further than this, samples.
 pub const STILL_SAMPLES: f32 = 0.004;
 /// Guard: against a neighbour left out that comes within reach while it moves, by this many pulse durations.
@@ -63,6 +66,8 @@ struct Fit<'a, const PATHS: usize> {
     posterior: Symmetric<PATHS>,
     /// kappa in this frame.
     threshold: f32,
+    /// Done so far.
+    work: u32,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -87,6 +92,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
             threshold: self.threshold,
+            work: 0,
         };
         if let Some(sample) = begins {
             fit.begin(sample);
@@ -104,6 +110,9 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         }
         let mut refined = false;
         for _ in 0..PATHS + SPARE_ROUNDS {
+            if fit.work >= MOST_WORK {
+                break;
+            }
             if refined {
                 fit.fit_noise();
                 fit.set_levels();
@@ -162,7 +171,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// Moves delays until they stand still.
     fn rest(&mut self) {
         for _ in 0..PASSES {
-            if !self.move_delays() {
+            if self.work >= MOST_WORK || !self.move_delays() {
                 break;
             }
             self.settle();
@@ -337,6 +346,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             let (from, to) = self.neighbours(k);
             let mut furthest = 0.0;
             for _ in 0..2 {
+                self.work += (to - from) as u32;
                 let shift = self.move_delay(k, from, to);
                 furthest = larger(furthest, abs(shift));
                 if shift == 0.0 {
@@ -451,6 +461,8 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             }
             self.posterior.clear_left_of_block(from, to);
             self.posterior.invert_block(from, to);
+            let size = (to - from) as u32;
+            self.work += size * size * size / 16;
             from = to;
         }
     }

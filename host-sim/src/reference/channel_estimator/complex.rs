@@ -19,8 +19,8 @@ use super::{ChannelEstimator, Path, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 use cogmint_core::perceptor::channel_estimator::complex::{
-    DOUBTFUL, FIRST_REFINEMENTS, LEAST_PRIOR, PASSES, REACH_PULSES, REFINEMENTS, RIDGE, SCALLOPING,
-    SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
+    DOUBTFUL, FIRST_REFINEMENTS, LEAST_PRIOR, MOST_WORK, PASSES, REACH_PULSES, REFINEMENTS, RIDGE,
+    SCALLOPING, SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
 };
 use cogmint_core::perceptor::channel_estimator::noise::COMPLEX_CUT;
 use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
@@ -57,6 +57,8 @@ struct Fit<'a, T> {
     posterior: Matrix<T>,
     /// kappa of further components.
     threshold: T,
+    /// Units of work done: see [`MOST_WORK`].
+    work: u32,
 }
 
 pub(super) fn estimate<T: Real>(
@@ -72,7 +74,7 @@ pub(super) fn estimate<T: Real>(
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let threshold = estimator.fitted_threshold;
     let (components, posterior) = (Vec::new(), Vec::new());
-    let mut fit = Fit { estimator, samples, components, noise, floor, posterior, threshold };
+    let mut fit = Fit { estimator, samples, components, noise, floor, posterior, threshold, work: 0 };
     if let Some([n, _]) = start {
         let beside = |n: Option<usize>| n.and_then(|n| powers.get(n)).copied().unwrap_or(T::ZERO);
         let vertex = parabola_vertex(beside(n.checked_sub(1)), powers[n], beside(Some(n + 1)));
@@ -107,6 +109,9 @@ pub(super) fn estimate<T: Real>(
     }
     let mut refined = false;
     for _ in 0..estimator.most_paths + SPARE_ROUNDS {
+        if fit.work >= MOST_WORK {
+            break;
+        }
         if refined {
             fit.fit_noise();
             fit.set_levels();
@@ -138,7 +143,7 @@ impl<T: Real> Fit<'_, T> {
     /// Moves and settles until everything stands still.
     fn rest(&mut self) {
         for _ in 0..PASSES {
-            if !self.move_delays() {
+            if self.work >= MOST_WORK || !self.move_delays() {
                 break;
             }
             self.settle();
@@ -271,6 +276,14 @@ impl<T: Real> Fit<'_, T> {
 
     /// Component `k` came, went or moved: what its pulse may reach can move.
     fn wake_neighbours(&mut self, k: usize) {
+        let reached = self.reached(k);
+        for component in &mut self.components[reached] {
+            component.moving = true;
+        }
+    }
+
+    /// The components that the pulse of component `k` may reach while it moves, itself among them.
+    fn reached(&self, k: usize) -> std::ops::Range<usize> {
         let table = &self.estimator.table;
         let far = table.support_samples() + T::of(REACH_PULSES) * table.samples_per_pulse();
         let position = self.components[k].position;
@@ -279,9 +292,7 @@ impl<T: Real> Fit<'_, T> {
         let from = (0..k).rev().find(|&j| !near(&self.components[j])).map_or(0, |j| j + 1);
         let end = self.components.len();
         let to = (k + 1..end).find(|&j| !near(&self.components[j])).unwrap_or(end);
-        for component in &mut self.components[from..to] {
-            component.moving = true;
-        }
+        from..to
     }
 
     /// The matched filter at a position without all components but `k`.
@@ -303,8 +314,10 @@ impl<T: Real> Fit<'_, T> {
             }
             self.components[k].moving = false;
             any = true;
+            let units = self.reached(k).len() as u32;
             let mut furthest = T::ZERO;
             for _ in 0..2 {
+                self.work += units;
                 let present = self.components[k].position;
                 let here = power(self.subtract(self.components[k].matched, present, Some(k)));
                 let left = power(self.without_others(k, present - step));
@@ -371,6 +384,11 @@ impl<T: Real> Fit<'_, T> {
 
     /// Sigma, and alpha_k = sqrt(lambda_k) sum over l of Sigma_kl y(tau_l) / sqrt(lambda_l).
     fn solve(&mut self) {
+        // Components in a row that reach each other are inverted together.
+        let support = self.estimator.table.support_samples();
+        for row in self.components.chunk_by(|a, b| b.position - a.position < support) {
+            self.work += (row.len().pow(3) / 16) as u32;
+        }
         self.posterior = inverse(&self.gram(|component| T::ONE / component.prior));
         for k in 0..self.components.len() {
             let mut mean = [T::ZERO; 2];
