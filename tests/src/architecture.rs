@@ -22,7 +22,7 @@ const fn block(path: &'static str, states: &'static [&'static str]) -> Block {
 }
 
 /// What all blocks are built on, each on the ones before it.
-pub const BASE: [&str; 5] = ["real", "trace", "error", "radio", "model"];
+pub const BASE: [&str; 6] = ["real", "trace", "snapshot", "error", "radio", "model"];
 
 /// The blocks in the order of the cycle.
 pub const BLOCKS: [Block; 20] = [
@@ -60,14 +60,16 @@ const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
 /// What the crate's root exports again: no block may take the whole by that way.
 const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
 /// What may change the whole tracker.
-const ENTRIES: [&str; 11] = [
+const ENTRIES: [&str; 13] = [
     "begin",
     "cycle",
     "cycle_observed",
     "finish",
     "finish_observed",
+    "read",
     "receive",
     "receive_observed",
+    "restore",
     "restrict",
     "switch_antenna",
     "tell",
