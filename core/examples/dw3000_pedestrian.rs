@@ -106,6 +106,7 @@ fn cycle(tracker: &mut TagTracker, radio: &mut Radio) -> Result<CycleReport, Fau
         hear(tracker, anchor, radio.channel, &exchange)?;
     }
     let report = tracker.finish().map_err(Fault::Tracker)?;
+    // The anchors simulated change to it at once. Over the air: `cogmint_core::radio::link`.
     radio.channel = report.next_action;
     Ok(report)
 }
