@@ -68,6 +68,9 @@ step "the same bits without optimisation"
 cargo test --locked -p cogmint-core -p cogmint-tests --lib --test golden
 cargo test --locked -p cogmint-core -p cogmint-tests --doc
 
+step "examples, and every choice of features"
+bash tests/examples.sh
+
 step "target, and every budget"
 bash tests/budgets.sh
 

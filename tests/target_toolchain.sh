@@ -40,23 +40,30 @@ record_room() {
   cargo run --quiet --locked --release -- simulate "$2.toml" --seed 1 --cycles "$1" --out "$2" >&2
 }
 
-# Builds the programs of a folder that is no member of the workspace. `heap` as second argument: with `alloc`. A third
-# one: only this program; a fourth: with this feature.
-build_for_target() {
-  local only=(${3:+--bin "$3"} ${4:+--features "$4"})
+# Runs cargo for the target: its subcommand and arguments. The parts of the standard library that are used come first: `core`, or
+# `core,alloc`.
+cargo_for_target() {
+  local parts=$1 subcommand=$2
+  shift 2
   if rustup_target; then
-    (cd "$1" && cargo build --quiet --locked --release --target "$target" "${only[@]}" >&2)
+    cargo "$subcommand" --quiet --locked --target "$target" "$@" >&2
   elif debian_toolchain; then
     (
-      cd "$1"
       export PATH=/usr/bin:$PATH RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1
       export CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER=ld.lld
-      /usr/bin/cargo build --quiet --locked -Z build-std=core${2:+,alloc} --release --target "$target" "${only[@]}" >&2
+      /usr/bin/cargo "$subcommand" --quiet --locked -Z build-std="$parts" --target "$target" "$@" >&2
     )
   else
     say "no toolchain for $target"
     exit 1
   fi
+}
+
+# Builds the programs of a folder that is no member of the workspace. `heap` as second argument: with `alloc`. A third
+# one: only this program; a fourth: with this feature.
+build_for_target() {
+  local only=(${3:+--bin "$3"} ${4:+--features "$4"})
+  (cd "$1" && cargo_for_target "core${2:+,alloc}" build --release "${only[@]}")
 }
 
 # Runs a program in a folder, from which it reads feed.bin; its output becomes target.txt. One instruction per virtual

@@ -8,6 +8,7 @@ use core::fmt;
 /// A refused call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Error {
     /// A configuration value is outside its range.
     Configuration(Setting),
@@ -155,6 +156,7 @@ pub enum Error {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(missing_docs)] // named after the fields they stand for
+#[non_exhaustive]
 pub enum Setting {
     AccelerationDensity,
     /// Time constant of the velocity's decay.

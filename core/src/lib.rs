@@ -64,6 +64,11 @@ pub mod snapshot;
 pub mod trace;
 pub mod tracker;
 
+// Its example is compiled with the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 pub use config::{Config, Variant};
 pub use error::{Error, Setting};
 pub use model::anchor::{Anchor, MappedVirtualAnchor};

@@ -91,3 +91,32 @@ pub struct MapChanges {
     /// Discoveries dropped because the map was full.
     pub map_full: u32,
 }
+
+/// Where the tag is, how sure that is, and the next action.
+#[cfg(feature = "defmt")]
+impl defmt::Format for CycleReport {
+    fn format(&self, to: defmt::Formatter<'_>) {
+        let ([x, y], [vx, vy]) = (self.position_m, self.velocity_m_s);
+        let [variance_x_m2, variance_y_m2] =
+            [self.position_covariance_m2.m11, self.position_covariance_m2.m22];
+        defmt::write!(
+            to,
+            "cycle {=u32}: ({=f32}, {=f32}) m with probability {=f32}, variances {=f32}, {=f32} m^2, ({=f32}, {=f32}) m/s; {=u32} of \
+             {=u32} measurements of {=u32} anchors associated; searching {=bool}, lost {=bool}; next action {=usize}",
+            self.cycle,
+            x,
+            y,
+            self.probability,
+            variance_x_m2,
+            variance_y_m2,
+            vx,
+            vy,
+            self.associated,
+            self.measurements,
+            self.anchors_heard,
+            self.searching,
+            self.lost,
+            self.next_action
+        );
+    }
+}

@@ -85,3 +85,8 @@ impl Drop for Folder {
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
+
+/// The guide to firmware, whose Rust is compiled with the documentation's tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/firmware.md")]
+struct FirmwareGuide;

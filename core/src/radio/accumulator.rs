@@ -130,6 +130,7 @@ impl Window {
 /// Why bytes are no response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum CirError {
     /// The first-path index is NaN, negative, or 1024 or more.
     FirstPathIndex {

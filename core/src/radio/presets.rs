@@ -11,6 +11,7 @@ use super::pulse::PulseShape;
 /// A radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum RadioPreset {
     /// The published channel sounder: 2 GHz of band, 400 complex samples 0.25 ns apart from the transmission on, as simulated. It gives
     /// frames and no ranges.

@@ -98,6 +98,7 @@ pub struct AntennaDelays {
 /// Why time stamps are no range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum TwoWayError {
     /// Two stamps of a clock are in the wrong order, or 8.6 s or more apart.
     Order,

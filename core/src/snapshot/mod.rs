@@ -31,6 +31,7 @@ const CHECKSUM: usize = 8;
 /// Why a snapshot was not taken or is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum SnapshotError {
     /// The buffer is too short.
     Room {

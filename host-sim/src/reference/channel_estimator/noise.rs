@@ -68,7 +68,8 @@ impl<T: Real> NoiseLevel<T> {
         }
         let node_samples = node_cells * cell_samples;
         // The least number of samples ahead that makes `beginning` a multiple of the nodes' distance.
-        let ahead = (0..node_samples).find(|ahead| (beginning + ahead) % node_samples == 0).unwrap_or(0);
+        let ahead =
+            (0..node_samples).find(|ahead| (beginning + ahead).is_multiple_of(node_samples)).unwrap_or(0);
         let nodes = (samples + ahead).div_ceil(node_samples);
         let (theta, sums) = (vec![T::ZERO; NODES], vec![[T::ZERO; 2]; NODES]);
         let mut level = Self {

@@ -1,0 +1,85 @@
+//! What a tracker takes of RAM, and what one more of each of its sizes adds: the table of docs/firmware.md.
+//!
+//!     cargo run -p cogmint-core --example sizes
+//!
+//! The figures of a processor with 32 bits are written down here; a build for such a processor fails where they are wrong.
+
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+#[expect(dead_code, reason = "nothing is simulated")]
+mod simulated;
+
+use cogmint_core::Tracker;
+
+const fn bytes<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+    const COMPONENTS: usize,
+    const POINTS: usize,
+>() -> usize {
+    size_of::<Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>>()
+}
+
+/// The reference size.
+const REFERENCE: usize = bytes::<2, 8, 24, 32, 16, 40, 8, 800>();
+/// A DW3000 among four anchors.
+const OFFICE: usize = bytes::<4, 6, 20, 8, 8, 2, 4, 256>();
+
+/// What it is of, bytes here, bytes with 32 bits.
+const ROWS: [(&str, usize, usize); 20] = [
+    ("`<2, 8, 24, 32, 16, 40, 8, 800>`, the reference size", REFERENCE, 41_640),
+    ("one anchor more", bytes::<3, 8, 24, 32, 16, 40, 8, 800>() - REFERENCE, 9_704),
+    ("one surface more", bytes::<2, 9, 24, 32, 16, 40, 8, 800>() - REFERENCE, 1_952),
+    ("one source more", bytes::<2, 8, 25, 32, 16, 40, 8, 800>() - REFERENCE, 208),
+    ("one segment more", bytes::<2, 8, 24, 33, 16, 40, 8, 800>() - REFERENCE, 64),
+    ("one path more", bytes::<2, 8, 24, 32, 17, 40, 8, 800>() - REFERENCE, 40),
+    ("one action more", bytes::<2, 8, 24, 32, 16, 41, 8, 800>() - REFERENCE, 136),
+    ("one component more", bytes::<2, 8, 24, 32, 16, 40, 9, 800>() - REFERENCE, 1_336),
+    ("16 points more", bytes::<2, 8, 24, 32, 16, 40, 8, 816>() - REFERENCE, 32),
+    ("`<4, 6, 20, 8, 8, 2, 4, 256>`, four DW3000 anchors", OFFICE, 41_488),
+    ("one anchor more", bytes::<5, 6, 20, 8, 8, 2, 4, 256>() - OFFICE, 7_928),
+    ("one surface more", bytes::<4, 7, 20, 8, 8, 2, 4, 256>() - OFFICE, 1_008),
+    ("one source more", bytes::<4, 6, 21, 8, 8, 2, 4, 256>() - OFFICE, 64),
+    ("one segment more", bytes::<4, 6, 20, 9, 8, 2, 4, 256>() - OFFICE, 64),
+    ("one path more", bytes::<4, 6, 20, 8, 9, 2, 4, 256>() - OFFICE, 80),
+    ("one action more", bytes::<4, 6, 20, 8, 8, 3, 4, 256>() - OFFICE, 160),
+    ("one component more", bytes::<4, 6, 20, 8, 8, 2, 5, 256>() - OFFICE, 1_152),
+    ("16 points more", bytes::<4, 6, 20, 8, 8, 2, 4, 272>() - OFFICE, 64),
+    ("`<3, 1, 1, 1, 2, 2, 4, 0>`, three anchors, ranges only", bytes::<3, 1, 1, 1, 2, 2, 4, 0>(), 27_248),
+    ("`<3, 1, 1, 1, 2, 1, 1, 0>`, the same without other places", bytes::<3, 1, 1, 1, 2, 1, 1, 0>(), 26_200),
+];
+
+#[cfg(target_pointer_width = "32")]
+const _: () = {
+    let mut rows = ROWS.as_slice();
+    while let [(_, here, written_down), rest @ ..] = rows {
+        assert!(*here == *written_down, "a figure of a processor with 32 bits is wrong");
+        rows = rest;
+    }
+};
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    println!("| `Tracker` | bytes, 32 bits | bytes, this machine |\n| --- | --- | --- |");
+    for (of, here, with_32_bits) in ROWS {
+        println!("| {of} | {with_32_bits} | {here} |");
+    }
+}
+
+/// Read where the figures have changed.
+#[cfg(target_os = "none")]
+#[used]
+static BYTES: [usize; ROWS.len()] = {
+    let mut bytes = [0; ROWS.len()];
+    let (mut rows, mut to) = (ROWS.as_slice(), bytes.as_mut_slice());
+    while let ([(_, here, _), rows_left @ ..], [first, to_left @ ..]) = (rows, to) {
+        *first = *here;
+        (rows, to) = (rows_left, to_left);
+    }
+    bytes
+};
