@@ -331,7 +331,7 @@ impl LevelSteps {
         // Where nodes are scarce, no further apart than they must be.
         let cell_samples =
             if node_cells > 1 { samples.div_ceil(most).div_ceil(node_cells).max(1) } else { cell_samples };
-        let node_samples = node_cells * cell_samples;
+        let node_samples = (node_cells * cell_samples).max(1);
         let lead = (node_samples - beginning % node_samples) % node_samples;
         let over = |samples: f32| Factors::over(samples * sample_spacing_s, &profile);
         Self {
