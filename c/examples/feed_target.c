@@ -115,7 +115,7 @@ __attribute__((naked)) static void reset(void) {
 }
 
 /* The first sixteen; the program enables no interrupt. */
-__attribute__((section(".vectors"), used)) static const uintptr_t vectors[16] = {
+__attribute__((section(".vectors"), used)) const uintptr_t vectors[16] = {
     (uintptr_t)stack_top, (uintptr_t)reset, (uintptr_t)fault, (uintptr_t)fault, (uintptr_t)fault,
     (uintptr_t)fault,     (uintptr_t)fault,
 };

@@ -302,7 +302,7 @@ enum cogmint_error
    */
   COGMINT_ERROR_LEVER_ARM = 57,
   /**
-   * Something else that the tracker refuses.
+   * Something else that is refused.
    */
   COGMINT_ERROR_REFUSED = 58,
   /**
@@ -1222,6 +1222,11 @@ cogmint_error cogmint_snapshot(const struct cogmint_tracker *tracker,
 cogmint_error cogmint_restore(struct cogmint_tracker *tracker,
                               const uint8_t *bytes,
                               size_t length);
+
+/**
+ * What unwinding would call, of which the compiler's own functions for hosts speak. Nothing unwinds.
+ */
+void rust_eh_personality(void);
 
 /**
  * Fills in the published set-up, with the channel sounder.

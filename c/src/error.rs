@@ -76,7 +76,7 @@ pub enum CogmintError {
     TagHeight = 56,
     /// The antenna's lever arm is out of range, or no heading is estimated.
     LeverArm = 57,
-    /// Something else that the tracker refuses.
+    /// Something else that is refused.
     Refused = 58,
 
     /// The buffer is too short for the snapshot; the bytes needed were written to `length`.
@@ -274,7 +274,7 @@ impl CogmintError {
             Self::RangeCount => c"more than COGMINT_MOST_RANGES ranges",
             Self::TagHeight => c"the tag's height or its deviation is out of range",
             Self::LeverArm => c"the antenna's lever arm is out of range, or no heading is estimated",
-            Self::Refused => c"something else that the tracker refuses",
+            Self::Refused => c"something else that is refused",
             Self::SnapshotRoom => c"the buffer is too short for the snapshot; the bytes needed were written to length",
             Self::SnapshotForeign => c"the bytes are no snapshot, or one that is cut short",
             Self::SnapshotVersion => c"a snapshot of another version of its format",
@@ -361,6 +361,9 @@ impl From<Error> for CogmintError {
             Error::TagHeight => Self::TagHeight,
             Error::LeverArm => Self::LeverArm,
             Error::ToldSinr => Self::Refused,
+            // What a later core adds.
+            #[allow(unreachable_patterns)]
+            _ => Self::Refused,
         }
     }
 }
@@ -408,6 +411,9 @@ impl From<SnapshotError> for CogmintError {
             SnapshotError::Version { .. } => Self::SnapshotVersion,
             SnapshotError::Told => Self::SnapshotTold,
             SnapshotError::Damaged => Self::SnapshotDamaged,
+            // What a later core adds.
+            #[allow(unreachable_patterns)]
+            _ => Self::Refused,
         }
     }
 }
@@ -419,6 +425,9 @@ impl From<CirError> for CogmintError {
             CirError::WindowLength { .. } => Self::CirLength,
             CirError::WindowOutside { .. } => Self::CirOutside,
             CirError::TooFewBytes { .. } => Self::CirBytes,
+            // What a later core adds.
+            #[allow(unreachable_patterns)]
+            _ => Self::Refused,
         }
     }
 }
@@ -430,6 +439,9 @@ impl From<TwoWayError> for CogmintError {
             TwoWayError::ClockOffset { .. } => Self::TwoWayOffset,
             TwoWayError::AntennaDelay => Self::TwoWayDelay,
             TwoWayError::Range { .. } => Self::TwoWayRange,
+            // What a later core adds.
+            #[allow(unreachable_patterns)]
+            _ => Self::Refused,
         }
     }
 }
