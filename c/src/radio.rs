@@ -207,3 +207,78 @@ pub unsafe extern "C" fn cogmint_range_double_sided(
     // SAFETY: as the caller promises.
     code(range.and_then(|metres| unsafe { put(range_m, metres) }))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn response(bytes: &[u8], samples_after: u32) -> CogmintCir {
+        CogmintCir {
+            bytes: bytes.as_ptr(),
+            byte_count: bytes.len(),
+            first_sample: 713,
+            format: CogmintAccumulator::Bits16 as u32,
+            first_path_index: 745.5,
+            samples_before: 32,
+            samples_after,
+            anchor: 1,
+            action: 4,
+            first_path_range_m: 7.31,
+            peak_after_first_path_samples: 2.0,
+        }
+    }
+
+    #[test]
+    fn a_frame_is_what_the_core_makes_of_the_accumulator() {
+        let bytes: [u8; 512] = core::array::from_fn(|n| (37 * n % 256) as u8);
+        let mut first = 0;
+        // SAFETY: a number of the test's own.
+        assert_eq!(unsafe { cogmint_cir_first_sample(745.5, 32, &mut first) }, CogmintError::None);
+        assert_eq!(first, 713);
+        let mut samples = [[0.0; 2]; 128];
+        let mut frame = core::mem::MaybeUninit::uninit();
+        let cir = response(&bytes, 96);
+        let mut made =
+            // SAFETY: all of it is the test's own.
+            |cir: &CogmintCir, room| unsafe { cogmint_cir_frame(cir, samples.as_mut_ptr(), room, frame.as_mut_ptr()) };
+        assert_eq!(made(&cir, 127), CogmintError::CirLength);
+        assert_eq!(made(&response(&bytes, 97), 128), CogmintError::CirBytes);
+        assert_eq!(made(&CogmintCir { format: 8, ..cir }, 128), CogmintError::UnknownChoice);
+        assert_eq!(made(&CogmintCir { bytes: core::ptr::null(), ..cir }, 128), CogmintError::NullPointer);
+        assert_eq!(made(&cir, 128), CogmintError::None);
+        // SAFETY: written just now.
+        let frame = unsafe { frame.assume_init() };
+        let core = Cir::<128>::from_accumulator(&bytes, 713, AccumulatorFormat::Bits16, 745.5, Window::USUAL);
+        let core = core.unwrap();
+        assert_eq!(samples, core.samples());
+        assert_eq!(frame.first_sample_delay_s, core.first_sample_delay_s(7.31, 2.0));
+        assert_eq!((frame.anchor, frame.action, frame.sample_count), (1, 4, 128));
+    }
+
+    #[test]
+    fn stamps_become_ranges() {
+        // 1000 ticks of flight, replies of 1e6 ticks, clocks alike.
+        let stamps = CogmintTwoWay {
+            poll_sent: 0,
+            poll_received: 5_001_000,
+            response_sent: 6_001_000,
+            response_received: 1_002_000,
+            final_sent: 2_002_000,
+            final_received: 7_003_000,
+            initiator_delay_ticks: 0,
+            responder_delay_ticks: 0,
+            responder_clock_offset: 0.0,
+        };
+        for range in [cogmint_range_single_sided, cogmint_range_double_sided] {
+            let mut range_m = 0.0;
+            // SAFETY: both are the test's own.
+            assert_eq!(unsafe { range(&stamps, &mut range_m) }, CogmintError::None);
+            assert!((range_m - 4.6918).abs() < 1e-3, "{range_m}");
+            let backwards = CogmintTwoWay { response_received: u64::MAX, ..stamps };
+            // SAFETY: as above.
+            assert_eq!(unsafe { range(&backwards, &mut range_m) }, CogmintError::TwoWayOrder);
+            // SAFETY: NULL is allowed.
+            assert_eq!(unsafe { range(core::ptr::null(), &mut range_m) }, CogmintError::NullPointer);
+        }
+    }
+}
