@@ -48,10 +48,13 @@ trap 'report $?' EXIT
 step "formatting"
 cargo fmt --all --check
 (cd firmware-stub && cargo fmt --check)
+(cd c && cargo fmt --check)
+(cd c/header && cargo fmt --check)
 (cd tests/peer/filters-on-target && cargo fmt --check)
 
 step "lints"
 cargo clippy --locked --workspace --all-targets --release -- -D warnings
+(cd c && cargo clippy --locked --all-targets -- -D warnings)
 
 step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet --release
@@ -73,6 +76,9 @@ bash tests/examples.sh
 
 step "target, and every budget"
 bash tests/budgets.sh
+
+step "the C interface"
+bash tests/c_interface.sh
 
 step "the state filter beside others"
 bash tests/filter_benchmark.sh

@@ -267,7 +267,7 @@ fn what_the_readme_says_of_cargo_and_scripts_is_there() {
 /// Scripts build with `--locked`: a lock file that is behind stops them on a clean clone.
 #[test]
 fn every_lock_file_is_current() {
-    for folder in ["", "firmware-stub", "tests/peer/filters-on-target"] {
+    for folder in ["", "firmware-stub", "c", "c/header", "tests/peer/filters-on-target"] {
         let output = Command::new(env!("CARGO"))
             .args(["metadata", "--locked", "--format-version", "1"])
             .current_dir(root().join(folder))

@@ -218,7 +218,12 @@ impl<const N: usize> Cir<N> {
             return Err(CirError::TooFewBytes { given: bytes.len(), needed });
         };
         let kept = kept.chunks_exact(format.bytes_per_sample()).filter_map(|sample| format.sample(sample));
-        Ok(Self { samples: kept.collect(), first_sample: begin, first_path_index })
+        // No more than were counted: the pushes succeed. (`collect` can panic.)
+        let mut samples = Vec::new();
+        for sample in kept {
+            let _ = samples.push(sample);
+        }
+        Ok(Self { samples, first_sample: begin, first_path_index })
     }
 
     /// The samples, in-phase and quadrature part, as the radio has them: not scaled by the number of symbols accumulated.
@@ -238,7 +243,12 @@ impl<const N: usize> Cir<N> {
 
     /// Their magnitudes, in the same order.
     pub fn magnitudes(&self) -> Vec<f32, N> {
-        self.samples.iter().map(|[i, q]| sqrt(i * i + q * q)).collect()
+        let mut magnitudes = Vec::new();
+        for [i, q] in &self.samples {
+            // As many as there are samples: the pushes succeed.
+            let _ = magnitudes.push(sqrt(i * i + q * q));
+        }
+        magnitudes
     }
 
     /// Delay that the first sample kept shows, seconds: of `n` = [`Self::first_sample`] in the formula at the top of the module.
