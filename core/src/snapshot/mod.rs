@@ -13,7 +13,7 @@
 //!
 //! What the tracker was told is not in it: firmware has it in flash, and starts the tracker with it. A snapshot of a tracker that was told
 //! anything else is refused, as is one that is torn, cut short or flipped anywhere; nothing has changed then. Every type codes its own
-//! fields ([`Stored`]), all of them: a field that is added and not coded does not compile.
+//! fields (`Stored`), all of them: a field that is added and not coded does not compile.
 
 mod stored;
 
