@@ -68,6 +68,8 @@ pub struct Tracker<
     channel: ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     controllers: Controllers<ANCHORS, ACTIONS>,
 
+    /// Digest of the map told.
+    map: u64,
     cycle: u32,
     /// The tag at the end of the last cycle in which anything was heard.
     last_heard: Agent,
@@ -131,6 +133,7 @@ impl<
             lateness,
             channel,
             controllers,
+            map: _,
             cycle,
             last_heard,
             lever_arm_m,

@@ -114,6 +114,11 @@ fn a_tracker_that_was_told_something_else_refuses_it() {
     assert_eq!(refused(same(), &|setup| setup.config.association.clutter_per_anchor = 2.0), told);
     assert_eq!(refused(same(), &|setup| setup.anchors[0].position_m[0] += 0.01), told);
     assert_eq!(refused(same(), &|setup| setup.seed += 1), told);
+    assert_eq!(refused(same(), &|setup| setup.map[0].std_m += 0.01), told);
+    // Actions that it may choose are told as well, whenever that is.
+    let mut restricted = same().tracker::<2>().unwrap();
+    restricted.restrict(0, &[0, 1, 2]).unwrap();
+    assert_eq!(restricted.restore(&buffer), told);
     let office = setup("dw3000-office", 2).1.tracker::<4>().unwrap().restore(&buffer);
     assert_eq!(office, told);
     let mut begun = same().tracker::<2>().unwrap();

@@ -5,7 +5,7 @@ use super::detection::LOGISTIC;
 use super::surface::Line;
 use crate::error::Error;
 use crate::real::{abs, exp, larger, smaller, sqrt};
-use crate::snapshot::{Sink, Written, written};
+use crate::snapshot::{Digest, Sink, Written, written};
 use heapless::Vec;
 
 /// Guard: against an outline believed to the letter: its deviation, metres.
@@ -351,6 +351,26 @@ written!(PlanWall { offset_std_m, rotation_std_rad });
 written!(Wall { line, half_length_m, told, surface, segments });
 written!(Segment { wall, inside, extent_m });
 written!(FloorPlan<const SEGMENTS> { walls, segments, outline_m });
+
+impl Map<'_> {
+    /// Digest of all that it tells.
+    pub(crate) fn digest(&self) -> u64 {
+        let mut digest = Digest::default();
+        for MappedVirtualAnchor { anchor, position_m, std_m } in self.virtual_anchors {
+            (*anchor, *position_m, *std_m, 0_u8).write(&mut digest);
+        }
+        if let Some(Plan { outline_m, walls, segments, turn_std_rad, reflections, most_sources }) = &self.plan
+        {
+            outline_m.iter().for_each(|corner_m| corner_m.write(&mut digest));
+            walls.iter().for_each(|wall| wall.write(&mut digest));
+            for PlanSegment { wall, ends_m } in *segments {
+                (*wall, *ends_m).write(&mut digest);
+            }
+            (*turn_std_rad, *reflections, *most_sources, 1_u8).write(&mut digest);
+        }
+        digest.value()
+    }
+}
 
 #[cfg(test)]
 mod tests {

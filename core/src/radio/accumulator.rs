@@ -112,7 +112,7 @@ impl Window {
 
     /// Index in the accumulator of the window's first sample, so that no more than the window need be read over SPI:
     /// [`Self::len`] samples of [`AccumulatorFormat::bytes_per_sample`] bytes from here on. (A DW1000 sends one byte ahead of them that
-    /// means nothing.)
+    /// means nothing, and so do drivers of the DW3000: leave it out, else every sample is shifted by a byte, and no error says so.)
     ///
     /// # Errors
     /// [`CirError::FirstPathIndex`], or [`CirError::WindowOutside`] where it would begin ahead of the accumulator.

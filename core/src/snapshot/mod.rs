@@ -22,10 +22,12 @@ use core::fmt;
 
 pub(crate) use stored::{Blank, Stored, Written, stored, written};
 
-/// Of the format; another version is refused.
+/// Guard: against snapshots of another layout, which are refused: counts the versions of the format.
 pub const VERSION: u32 = 1;
 const MAGIC: [u8; 4] = *b"COGS";
+/// Capacity: bytes ahead of the state.
 const HEADER: usize = 20;
+/// Capacity: bytes behind it.
 const CHECKSUM: usize = 8;
 
 /// Why a snapshot was not taken or is refused.

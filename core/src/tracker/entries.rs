@@ -116,6 +116,7 @@ impl<
             anchors: checked,
             plan: FloorPlan::default(),
             library,
+            map: 0,
             cycle: 0,
             last_heard: start.agent(),
             lever_arm_m: [0.0; 2],
@@ -143,7 +144,7 @@ impl<
         for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
             mapped.check(slot, self.anchors.len())?;
         }
-        let Self { config, anchors, library, belief, environment, plan, .. } = self;
+        let Self { config, anchors, library, belief, environment, plan, map: digest, .. } = self;
         if let Some(told) = &map.plan {
             plan.keep(told)?;
             if let Some(region) = Region::inside(plan.outline_m()) {
@@ -159,6 +160,7 @@ impl<
                 enter_plan(filter, environment, plan, told, anchors, config, library.shortest_pulse_m());
             }
         });
+        *digest = map.digest();
         Ok(())
     }
 

@@ -36,17 +36,19 @@ impl<
         snapshot::read(self.digest(), self, bytes)
     }
 
-    /// Digest of what the tracker was told and of its capacities: equal for trackers whose snapshots are interchangeable. It is the same in
-    /// every cycle; where it is not, a bit has flipped in what was told.
+    /// Digest of what the tracker was told, actions that it may choose ([`Self::restrict`]) among it, and of its capacities: equal for trackers whose snapshots are interchangeable. It is the same in
+    /// every cycle; where it is not, something was told, or a bit has flipped in it.
     pub fn digest(&self) -> u64 {
-        let Self { config, anchors, plan, library, controllers, .. } = self;
+        let Self { config, anchors, plan, library, controllers, map, .. } = self;
         let mut digest = Digest::default();
         [ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS].write(&mut digest);
         config.write(&mut digest);
         anchors.write(&mut digest);
         plan.write(&mut digest);
         library.write(&mut digest);
+        map.write(&mut digest);
         controllers.seed().write(&mut digest);
+        controllers.all().iter().for_each(|controller| controller.allowed().write(&mut digest));
         digest.value()
     }
 }
@@ -69,6 +71,7 @@ impl<
             anchors: _,
             plan: _,
             library: _,
+            map: _,
             receiver,
             belief,
             environment,

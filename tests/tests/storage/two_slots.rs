@@ -85,7 +85,7 @@ impl<F: NorFlash> TwoSlots<F> {
         Err(refused.map_or(StorageError::Empty, StorageError::Refused))
     }
 
-    /// Stores a snapshot: the first `length` bytes of a buffer, which has room for as many more as the flash writes at once.
+    /// Stores a snapshot, once the slots were looked at (`restore`), else it may go over the newest: the first `length` bytes of a buffer, which has room for as many more as the flash writes at once.
     ///
     /// # Errors
     /// Of the flash, or [`StorageError::Room`]. The snapshot before is still there.

@@ -38,8 +38,9 @@ pub const REFINEMENTS: usize = 6;
 pub const DOUBTFUL: f32 = 2.0;
 /// Capacity: passes over the moving delays after each new path, which bound their time.
 pub const PASSES: usize = 24;
-/// Capacity: work of a frame after which nothing is moved or added any more, which bounds its time: a unit is one component taken off
-/// where another one moves, or sixteen elements of a posterior to the third power of its size.
+/// Capacity: work of a frame after which nothing is moved or added any more, which with the passes over its samples, as many as rounds, bounds
+/// its time. A unit is one component taken off where another one moves; an inversion has a sixteenth of the third power of its size. What
+/// is in hand then is ended, and may take as much again.
 pub const MOST_WORK: u32 = 4000;
 /// Guard: against endless small steps; a delay stands still that moves no further than this, samples.
 pub const STILL_SAMPLES: f32 = 0.004;

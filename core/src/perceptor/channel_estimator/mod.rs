@@ -91,7 +91,7 @@ pub struct EstimatorSettings {
     /// two are reported as one. Chosen on simulated pairs of equal paths, half a pulse duration apart and more.
     pub merge_pulses: f32,
     /// Whether dense multipath begins with a path. What rises at once is one then, as behind a wall, where real radios have no other; where
-    /// dense multipath far above the noise begins by itself, as an interferer's, it costs a false path in one frame of three.
+    /// dense multipath far above the noise begins by itself, as an interferer's, it costs a false path in one frame of five.
     pub begins_with_path: bool,
 }
 
