@@ -122,12 +122,14 @@ fn a_person_who_turns_on_his_heel_is_not_lost() {
 #[test]
 fn a_radio_that_was_jammed_has_the_tag_again_fifteen_cycles_later_in_six_of_eight_runs() {
     let (mut found, mut jammed) = (0, 0);
-    for seed in 1..=12 {
+    let mut seeds = 1..=12;
+    while jammed < 8 {
+        let seed = seeds.next().expect("eight of twelve are jammed");
         let simulator = cogmint::demo::seminar_room(seed, 1000).unwrap();
         let [from, to] = cogmint::demo::interfered(&simulator);
         let run = cogmint::demo::run(&simulator, false, seed, || {}).unwrap();
         let worst = |cycles: std::ops::Range<usize>| run.errors_m[cycles].iter().copied().fold(0.0, f64::max);
-        if jammed == 8 || worst(from..to) <= 0.2 {
+        if worst(from..to) <= 0.2 {
             continue;
         }
         jammed += 1;
@@ -135,6 +137,5 @@ fn a_radio_that_was_jammed_has_the_tag_again_fifteen_cycles_later_in_six_of_eigh
         println!("seed {seed}: {after_m:.3} m");
         found += usize::from(after_m < 0.05);
     }
-    assert_eq!(jammed, 8);
     assert!(found >= 6, "{found} of 8");
 }

@@ -49,3 +49,4 @@ impl MappedVirtualAnchor {
 }
 
 written!(Anchor { position_m, height_m });
+written!(MappedVirtualAnchor { anchor, position_m, std_m });

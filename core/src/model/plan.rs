@@ -348,6 +348,7 @@ impl Written for Inside {
 }
 
 written!(PlanWall { offset_std_m, rotation_std_rad });
+written!(PlanSegment { wall, ends_m });
 written!(Wall { line, half_length_m, told, surface, segments });
 written!(Segment { wall, inside, extent_m });
 written!(FloorPlan<const SEGMENTS> { walls, segments, outline_m });
@@ -356,17 +357,15 @@ impl Map<'_> {
     /// Digest of all that it tells.
     pub(crate) fn digest(&self) -> u64 {
         let mut digest = Digest::default();
-        for MappedVirtualAnchor { anchor, position_m, std_m } in self.virtual_anchors {
-            (*anchor, *position_m, *std_m, 0_u8).write(&mut digest);
-        }
+        self.virtual_anchors.len().write(&mut digest);
+        self.virtual_anchors.iter().for_each(|mapped| mapped.write(&mut digest));
         if let Some(Plan { outline_m, walls, segments, turn_std_rad, reflections, most_sources }) = &self.plan
         {
             outline_m.iter().for_each(|corner_m| corner_m.write(&mut digest));
             walls.iter().for_each(|wall| wall.write(&mut digest));
-            for PlanSegment { wall, ends_m } in *segments {
-                (*wall, *ends_m).write(&mut digest);
-            }
-            (*turn_std_rad, *reflections, *most_sources, 1_u8).write(&mut digest);
+            segments.iter().for_each(|segment| segment.write(&mut digest));
+            [outline_m.len(), walls.len(), segments.len(), *reflections, *most_sources].write(&mut digest);
+            turn_std_rad.write(&mut digest);
         }
         digest.value()
     }

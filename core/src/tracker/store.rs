@@ -1,7 +1,7 @@
 //! A tracker's state as bytes: see [`crate::snapshot`].
 
 use super::Tracker;
-use crate::snapshot::{self, Digest, Reader, Sink, SnapshotError, Stored, Written};
+use crate::snapshot::{self, Digest, SnapshotError, Written, stored};
 
 impl<
     const ANCHORS: usize,
@@ -36,8 +36,9 @@ impl<
         snapshot::read(self.digest(), self, bytes)
     }
 
-    /// Digest of what the tracker was told, actions that it may choose ([`Self::restrict`]) among it, and of its capacities: equal for trackers whose snapshots are interchangeable. It is the same in
-    /// every cycle; where it is not, something was told, or a bit has flipped in it.
+    /// Digest of what the tracker was told, actions that it may choose ([`Self::restrict`]) among it, and of its capacities: equal for
+    /// trackers whose snapshots are interchangeable. It is the same in every cycle; where it is not, something was told, or a bit has
+    /// flipped in it.
     pub fn digest(&self) -> u64 {
         let Self { config, anchors, plan, library, controllers, map, .. } = self;
         let mut digest = Digest::default();
@@ -53,79 +54,13 @@ impl<
     }
 }
 
-impl<
-    const ANCHORS: usize,
-    const SURFACES: usize,
-    const SOURCES: usize,
-    const SEGMENTS: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
-    const COMPONENTS: usize,
-    const POINTS: usize,
-> Written for Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
-{
-    fn write(&self, to: &mut impl Sink) {
-        let Self {
-            // Told.
-            config: _,
-            anchors: _,
-            plan: _,
-            library: _,
-            map: _,
-            receiver,
-            belief,
-            environment,
-            transmission,
-            discovery,
-            clutter,
-            lateness,
-            channel,
-            controllers,
-            cycle,
-            last_heard,
-            lever_arm_m,
-            // Nothing is begun.
-            begun: _,
-            scans: _,
-        } = self;
-        receiver.write(to);
-        belief.write(to);
-        environment.write(to);
-        transmission.write(to);
-        discovery.write(to);
-        clutter.write(to);
-        lateness.write(to);
-        channel.write(to);
-        controllers.write(to);
-        cycle.write(to);
-        last_heard.write(to);
-        lever_arm_m.write(to);
+stored!(
+    Tracker<
+        const ANCHORS, const SURFACES, const SOURCES, const SEGMENTS, const PATHS, const ACTIONS, const COMPONENTS, const POINTS
+    > {
+        receiver, belief, environment, transmission, discovery, clutter, lateness, channel, controllers, cycle, last_heard,
+        lever_arm_m
     }
-}
-
-impl<
-    const ANCHORS: usize,
-    const SURFACES: usize,
-    const SOURCES: usize,
-    const SEGMENTS: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
-    const COMPONENTS: usize,
-    const POINTS: usize,
-> Stored for Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
-{
-    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
-        self.receiver.read(from)?;
-        self.belief.read(from)?;
-        self.environment.read(from)?;
-        self.transmission.read(from)?;
-        self.discovery.read(from)?;
-        self.clutter.read(from)?;
-        self.lateness.read(from)?;
-        self.channel.read(from)?;
-        self.controllers.read(from)?;
-        self.cycle.read(from)?;
-        self.last_heard.read(from)?;
-        self.lever_arm_m.read(from)
-    }
-}
+    // Between two cycles nothing is begun.
+    told { config, anchors, plan, library, map, begun, scans }
+);

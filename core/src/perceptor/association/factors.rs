@@ -74,9 +74,12 @@ impl<const PATHS: usize> Row<PATHS> {
             let innovation = measurement.range_m - expectation.range_m;
             let variance = expectation.variance_m2 + measurement.variance_m2;
             let nis = innovation * innovation / variance;
-            if let Some(timing) = expectation.timing(measurement) {
+            if expectation.may_be_late(measurement) {
                 let std = sqrt(variance);
-                if innovation > -(GATE * std) && innovation < expectation.lateness.reach_m(GATE, std) {
+                if innovation > -(GATE * std)
+                    && innovation < expectation.lateness.reach_m(GATE, std)
+                    && let Some(timing) = expectation.timing(measurement)
+                {
                     *factor = detected * timing.per_m / per_m;
                 }
             } else if nis < GATE * GATE {

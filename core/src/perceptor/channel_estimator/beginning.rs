@@ -1,8 +1,9 @@
 //! Where a response begins, and how heavy the tail of the noise ahead of it is.
 //!
-//! Where [`EstimatorSettings::begins_with_path`](super::EstimatorSettings) says that dense multipath begins with a path, one of the nodes that the level is a sum of stands where the response
-//! begins, and the fit begins with a path there, which has to be worth its threshold once the level has been fitted beside it. Else what
-//! rises behind a wall, all of it within a few pulses, is taken for dense multipath as a whole.
+//! Where [`EstimatorSettings::begins_with_path`](super::EstimatorSettings) says that dense multipath begins with a path, one of the
+//! nodes that the level is a sum of stands where the response begins, and the fit begins with a path there, which has to be worth its
+//! threshold once the level has been fitted beside it. Else what rises behind a wall, all of it within a few pulses, is taken for dense
+//! multipath as a whole.
 //!
 //! The noise of real radios is no Gaussian: artefacts of the receiver's correlator, 30 to 40 dB below the strongest path, stand out of it
 //! wherever they fall. Their energies over the level are taken as exponentially distributed beyond [`TAIL_FROM`] with a mean excess of
@@ -61,17 +62,14 @@ pub(super) struct Tail {
 }
 
 impl Tail {
-    /// That of Gaussian noise.
-    pub fn new() -> Self {
-        Self { excess: TAIL_PRIOR, count: TAIL_PRIOR }
-    }
-
-    /// Counts a sample's energy over the level.
-    pub fn add(&mut self, energy: f32) {
-        if energy > TAIL_FROM {
-            self.excess += energy - TAIL_FROM;
-            self.count += 1.0;
+    /// That of energies over the level, beside Gaussian noise.
+    pub fn of(energies: impl Iterator<Item = f32>) -> Self {
+        let mut tail = Self { excess: TAIL_PRIOR, count: TAIL_PRIOR };
+        for energy in energies.filter(|energy| *energy > TAIL_FROM) {
+            tail.excess += energy - TAIL_FROM;
+            tail.count += 1.0;
         }
+        tail
     }
 
     /// The threshold that is exceeded as often as `threshold` is by Gaussian noise; never less.
@@ -112,11 +110,10 @@ mod tests {
     fn the_threshold_follows_the_tail() {
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(7);
         let mut exponential = || -((rng.next_u32() as f32 + 1.0) / 4_294_967_808.0).ln();
-        let (mut gaussian, mut heavy) = (Tail::new(), Tail::new());
-        for n in 0..20_000 {
-            gaussian.add(exponential());
-            heavy.add(if n % 20 == 0 { 4.0 + 3.0 * exponential() } else { exponential() });
-        }
+        let gaussian = Tail::of((0..20_000).map(|_| exponential()));
+        let heavy = Tail::of(
+            (0..20_000).map(|n| if n % 20 == 0 { 4.0 + 3.0 * exponential() } else { exponential() }),
+        );
         assert!((gaussian.threshold(9.0) - 9.0).abs() < 0.5, "{gaussian:?}");
         // 368 of 20,000 have an excess of 1, 1000 one of 3.
         assert!((heavy.threshold(9.0) - (4.0 + 5.0 * (368.0 + 3000.0) / 1368.0)).abs() < 0.7, "{heavy:?}");

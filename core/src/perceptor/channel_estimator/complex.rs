@@ -107,7 +107,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         if begins.is_some() {
             fit.set_levels();
             fit.settle();
-            fit.rest();
+            fit.move_until_still();
         }
         let mut refined = false;
         for _ in 0..PATHS + SPARE_ROUNDS {
@@ -133,7 +133,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             if !candidate.is_some_and(|candidate| fit.add(candidate)) {
                 break;
             }
-            fit.rest();
+            fit.move_until_still();
         }
         estimate.threshold = fit.threshold;
         fit.take_paths(first_sample_delay_s, &mut estimate.paths);
@@ -159,10 +159,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// The threshold, from the tail of the noise in so many samples ahead of the response.
     fn measure_tail(&mut self, ahead: usize) {
         let mut walk = LevelWalk::new(self.noise, &self.steps);
-        let mut tail = Tail::new();
-        for sample in self.samples.iter().take(ahead) {
-            tail.add(power(sample) / walk.next());
-        }
+        let tail = Tail::of(self.samples.iter().take(ahead).map(|sample| power(sample) / walk.next()));
         self.threshold = tail.threshold(self.estimator.threshold);
         for component in &mut self.components {
             component.threshold = tail.threshold(self.estimator.beginning_threshold);
@@ -170,7 +167,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     }
 
     /// Moves delays until they stand still.
-    fn rest(&mut self) {
+    fn move_until_still(&mut self) {
         for _ in 0..PASSES {
             if self.work >= MOST_WORK || !self.move_delays() {
                 break;

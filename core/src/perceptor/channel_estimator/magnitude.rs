@@ -146,10 +146,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
     /// The threshold, from the tail of the noise in so many samples ahead of the response.
     fn measure_tail(&mut self, ahead: usize, steps: &LevelSteps) {
         let mut walk = LevelWalk::new(self.noise, steps);
-        let mut tail = Tail::new();
-        for sample in self.samples.iter().take(ahead) {
-            tail.add(sample * sample / walk.next());
-        }
+        let tail = Tail::of(self.samples.iter().take(ahead).map(|sample| sample * sample / walk.next()));
         self.threshold = tail.threshold(self.estimator.magnitude_threshold);
         for peak in &mut self.peaks {
             peak.threshold = tail.threshold(self.estimator.beginning_threshold);

@@ -34,10 +34,15 @@ pub struct Expectation {
 }
 
 impl Expectation {
+    /// Whether a measurement, were it of this feature, may be late.
+    pub fn may_be_late(&self, measurement: &Measurement) -> bool {
+        measurement.is_range() && self.lateness.is_any()
+    }
+
     /// What a measurement says, were it of this feature, where that may be late; `None` where it is on time or not at all.
     #[inline]
     pub fn timing(&self, measurement: &Measurement) -> Option<Timing> {
-        if !measurement.is_range() || !self.lateness.is_any() {
+        if !self.may_be_late(measurement) {
             return None;
         }
         let innovation_m = measurement.range_m - self.range_m;

@@ -105,7 +105,7 @@ pub(super) fn estimate<T: Real>(
     if start.is_some() {
         fit.set_levels();
         fit.settle();
-        fit.rest();
+        fit.move_until_still();
     }
     let mut refined = false;
     for _ in 0..estimator.most_paths + SPARE_ROUNDS {
@@ -134,14 +134,14 @@ pub(super) fn estimate<T: Real>(
             break;
         }
         fit.add(candidate);
-        fit.rest();
+        fit.move_until_still();
     }
     fit.finish(first_sample_delay_s)
 }
 
 impl<T: Real> Fit<'_, T> {
     /// Moves and settles until everything stands still.
-    fn rest(&mut self) {
+    fn move_until_still(&mut self) {
         for _ in 0..PASSES {
             if self.work >= MOST_WORK || !self.move_delays() {
                 break;
