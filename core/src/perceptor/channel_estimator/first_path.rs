@@ -11,8 +11,10 @@
 //!    noise, but that is the same wherever there is no path.
 //! 2. What a side lobe of something stronger behind it and noise can be together, by the pulse's autocorrelation, is
 //!    none.
-//! 3. The delay is that at which the response reaches half the magnitude of its first maximum, and from there the
-//!    pulse's own time from half to full. The upper half of the rise is where a second path would already be seen.
+//! 3. The delay is that at which the response reaches a share of its first maximum's magnitude, and from there the pulse's
+//!    own time to its maximum. The share is half in complex responses: the upper half of the rise is where a second path
+//!    would already be seen. In magnitudes it is as little as stands out of the noise: there a second path within the
+//!    pulse always adds to the maximum, which says less of the first one the higher it is.
 //!
 //! The response is first limited to the pulse's band: beyond it there is noise, and the distortion of a receiver that
 //! strong paths drive to its limits.
@@ -23,7 +25,7 @@ use super::noise::white_level;
 use super::{Pulse, detection_threshold};
 use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::PulseTable;
-use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, smaller, sqrt};
 
 /// Guard: against the radio's own floor: the noise ahead is taken from this many times as much before the search, so many
 /// times more often has that floor had the chance to be as loud there as where it is mistaken for a path.
@@ -34,6 +36,8 @@ const FEWEST_AHEAD: u32 = 8;
 const OVER_LOUDEST: f32 = 4.0;
 /// Guard: against side lobes of a pulse known roughly: what is below this many times their magnitude (3 dB) may be one.
 const SIDE_LOBE_MARGIN: f32 = 1.414;
+/// Mathematics: half.
+const HALF: f32 = 0.5;
 /// Mathematics: positions per sample, at each of which the band limit has weights of its own.
 const PHASES: usize = 8;
 
@@ -69,8 +73,6 @@ pub struct FirstPathDetector {
     threshold: f32,
     /// Samples searched before the strongest one.
     search: usize,
-    /// From half magnitude to the pulse's maximum, samples.
-    rise: f32,
     /// Magnitude that no side lobe beyond the pulse's table exceeds: the largest of its last pulse duration.
     furthest_lobe: f32,
     sample_spacing_s: f32,
@@ -90,11 +92,9 @@ impl FirstPathDetector {
             kernels: kernels(if band < 0.5 { band } else { 0.5 }),
             threshold: detection_threshold(pulse.rms_bandwidth_hz() * SEARCH_S, false_paths),
             search: (SEARCH_S / sample_spacing_s) as usize + 1,
-            rise: 0.0,
             furthest_lobe: 0.0,
             sample_spacing_s,
         };
-        detector.rise = detector.pulse_rise();
         detector.furthest_lobe = detector.largest_last_lobe();
         detector
     }
@@ -108,6 +108,7 @@ impl FirstPathDetector {
             }
             Samples::Magnitude(samples) => white_level(|| samples.iter().map(|m| m * m), samples.len()),
         };
+        let is_magnitude = matches!(samples, Samples::Magnitude(_));
         let mut strongest = (0_usize, 0.0_f32);
         for n in 0..samples.len() {
             let power = power_of(samples, n);
@@ -118,7 +119,8 @@ impl FirstPathDetector {
         let start = strongest.0.saturating_sub(self.search);
         let (level, loudest) = noise_ahead(samples, start, self.search * AHEAD_SEARCHES, white);
         let lobe = SIDE_LOBE_MARGIN * self.furthest_lobe;
-        let threshold = larger(self.threshold * level, OVER_LOUDEST * loudest);
+        let noise = self.threshold * level;
+        let threshold = larger(noise, OVER_LOUDEST * loudest);
         let threshold = larger(threshold, lobe * lobe * strongest.1);
         let magnitude = |step: usize| self.band_limited(step as i32, |n| sample_of(samples, n));
         let from = start * PHASES;
@@ -129,13 +131,14 @@ impl FirstPathDetector {
             let is_path = here * here > threshold
                 && here >= before
                 && here > after
-                && !self.is_side_lobe(samples, step as f32 / PHASES as f32, here - sqrt(threshold));
+                && !self.is_side_lobe(samples, step as f32 / PHASES as f32, here - sqrt(noise));
             // Where there is no rise, the frame began too late to show it.
-            let rise = if is_path { half_rise(magnitude, from, step) } else { None };
+            let edge = if is_magnitude { smaller(HALF, sqrt(threshold) / here) } else { HALF };
+            let rise = if is_path { rise_to(edge, magnitude, from, step) } else { None };
             if let Some(Rise { position, slope }) = rise {
                 let deviation_s = self.sample_spacing_s / slope;
                 return Some(FirstPath {
-                    delay_s: first_sample_delay_s + (position + self.rise) * self.sample_spacing_s,
+                    delay_s: first_sample_delay_s + (position + self.rise_from(edge)) * self.sample_spacing_s,
                     magnitude: here,
                     snr: here * here / level,
                     delay_variance_s2: 0.5 * level * (deviation_s * deviation_s),
@@ -183,10 +186,10 @@ impl FirstPathDetector {
         self.band_limited(step as i32, |n| [self.table.at(n as f32), 0.0])
     }
 
-    /// From half magnitude to the maximum of the pulse, samples: measured on the pulse as on a response.
-    fn pulse_rise(&self) -> f32 {
+    /// From a share of its magnitude to the maximum of the pulse, samples: measured on the pulse as on a response.
+    fn rise_from(&self, share: f32) -> f32 {
         let steps = (self.table.support_samples() as usize + 1) * PHASES;
-        let rise = half_rise(|step| self.pulse(steps - step.min(steps)), 0, steps);
+        let rise = rise_to(share, |step| self.pulse(steps - step.min(steps)), 0, steps);
         rise.map_or(0.0, |rise| steps as f32 / PHASES as f32 - rise.position)
     }
 
@@ -202,7 +205,7 @@ impl FirstPathDetector {
     }
 }
 
-/// A crossing of half a maximum's magnitude.
+/// A crossing of a share of a maximum's magnitude.
 struct Rise {
     /// Where, samples into the frame.
     position: f32,
@@ -210,15 +213,15 @@ struct Rise {
     slope: f32,
 }
 
-/// The last step before `maximum`, but not before `from`, at which half the magnitude of `maximum` is exceeded.
-fn half_rise(magnitude: impl Fn(usize) -> f32, from: usize, maximum: usize) -> Option<Rise> {
+/// The last step before `maximum`, but not before `from`, at which `share` of the magnitude of `maximum` is exceeded.
+fn rise_to(share: f32, magnitude: impl Fn(usize) -> f32, from: usize, maximum: usize) -> Option<Rise> {
     let mut above = magnitude(maximum);
-    let half = 0.5 * above;
+    let edge = share * above;
     for step in (from..maximum).rev() {
         let below = magnitude(step);
-        if below < half {
+        if below < edge {
             let slope = above - below;
-            let position = (step as f32 + (half - below) / slope) / PHASES as f32;
+            let position = (step as f32 + (edge - below) / slope) / PHASES as f32;
             return Some(Rise { position, slope: slope * PHASES as f32 });
         }
         above = below;
