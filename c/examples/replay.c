@@ -7,8 +7,8 @@
 #include "cogmint.h"
 #include "feed_io.h"
 
-/* Little-endian "COG3". */
-#define MAGIC 0x33474f43u
+/* Little-endian "COG4". */
+#define MAGIC 0x34474f43u
 /* Room for one frame, complex samples. */
 #define MOST_SAMPLES 1024
 
@@ -19,6 +19,7 @@ static cogmint_range ranges[COGMINT_MOST_ANCHORS][COGMINT_MOST_PATHS];
 /* What the tracker is told; needed until it is started. */
 static cogmint_config config;
 static cogmint_anchor anchors[COGMINT_MOST_ANCHORS];
+static float range_biases_m[COGMINT_MOST_ANCHORS][2];
 static cogmint_virtual_anchor virtual_anchors[COGMINT_MOST_SOURCES];
 static cogmint_action actions[COGMINT_MOST_ACTIONS];
 static float outline_m[COGMINT_MOST_SEGMENTS][2];
@@ -163,6 +164,7 @@ static int start(cogmint_tracker **tracker, uint32_t *cycles) {
   for (uint32_t i = 0; i < anchor_count; ++i) {
     pair(anchors[i].position_m);
     anchors[i].height_m = number();
+    pair(range_biases_m[i]);
   }
   for (uint32_t i = 0; i < virtual_anchor_count; ++i) {
     virtual_anchors[i].anchor = word();
@@ -184,8 +186,11 @@ static int start(cogmint_tracker **tracker, uint32_t *cycles) {
   if (is_short) {
     return fail("malformed feed");
   }
-  const cogmint_error error = cogmint_start(&memory, sizeof memory, &config, anchors, anchor_count, &map, actions,
-                                            action_count, seed, tracker);
+  cogmint_error error = cogmint_start(&memory, sizeof memory, &config, anchors, anchor_count, &map, actions,
+                                      action_count, seed, tracker);
+  for (uint32_t i = 0; i < anchor_count && error == COGMINT_ERROR_NONE; ++i) {
+    error = cogmint_tell_range_bias(*tracker, i, range_biases_m[i][0], range_biases_m[i][1]);
+  }
   return error == COGMINT_ERROR_NONE ? 0 : fail(cogmint_error_string(error));
 }
 

@@ -1147,6 +1147,18 @@ cogmint_error cogmint_start(void *memory,
                             struct cogmint_tracker **tracker);
 
 /**
+ * Tells the range bias of one anchor, before the first cycle: its mean (-10 to 10 m) and standard deviation (0 to 10 m; 0 where it is
+ * known exactly). Without, it is that of the configuration.
+ *
+ * # Safety
+ * `tracker` is a tracker that was started, or NULL.
+ */
+cogmint_error cogmint_tell_range_bias(struct cogmint_tracker *tracker,
+                                      uint32_t anchor,
+                                      float mean_m,
+                                      float std_m);
+
+/**
  * From now on everything is received with an antenna that is this far ahead of the centre of the tag's body, and to its left, metres.
  * Between two cycles.
  *

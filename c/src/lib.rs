@@ -269,6 +269,23 @@ unsafe fn build(
     }
 }
 
+/// Tells the range bias of one anchor, before the first cycle: its mean (-10 to 10 m) and standard deviation (0 to 10 m; 0 where it is
+/// known exactly). Without, it is that of the configuration.
+///
+/// # Safety
+/// `tracker` is a tracker that was started, or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn cogmint_tell_range_bias(
+    tracker: *mut CogmintTracker,
+    anchor: u32,
+    mean_m: f32,
+    std_m: f32,
+) -> CogmintError {
+    // SAFETY: as the caller promises.
+    let tracker = unsafe { exclusive(tracker.cast::<Tracker>()) };
+    code(tracker.and_then(|tracker| Ok(tracker.tell_range_bias(anchor as usize, mean_m, std_m)?)))
+}
+
 /// From now on everything is received with an antenna that is this far ahead of the centre of the tag's body, and to its left, metres.
 /// Between two cycles.
 ///

@@ -1,8 +1,9 @@
 //! The feed: set-up and cycles of a recording, as the host's `cogmint trace --feed` writes them.
 //!
-//! Little-endian 32-bit words. `COG3`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
+//! Little-endian 32-bit words. `COG4`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
 //! 14 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 5
-//! more words; per anchor x, y, height; per mapped virtual anchor its anchor, x, y, deviation; whether there is a plan; of
+//! more words; per anchor x, y, height, mean and
+//! deviation of its range bias; per mapped virtual anchor its anchor, x, y, deviation; whether there is a plan; of
 //! a plan counts of corners, walls and segments, deviation of its turn, reflections, most sources, per corner x, y, per wall
 //! the deviations of its offset and rotation, per segment its wall and both ends; per
 //! action carrier and pulse duration. Per cycle: elapsed time; whether the height is known and the height; the antenna's lever arm; number
@@ -17,7 +18,7 @@ use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
 use cogmint_core::{Anchor, Config, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall};
 use heapless::Vec;
 
-const MAGIC: u32 = u32::from_le_bytes(*b"COG3");
+const MAGIC: u32 = u32::from_le_bytes(*b"COG4");
 const ANCHORS: usize = 2;
 const SOURCES: usize = 24;
 const SEGMENTS: usize = 32;
@@ -35,6 +36,8 @@ pub struct Setup {
     pub config: Config,
     /// The anchors.
     pub anchors: Vec<Anchor, ANCHORS>,
+    /// Mean and standard deviation of every anchor's range bias, metres.
+    pub range_biases_m: Vec<[f32; 2], ANCHORS>,
     /// Virtual anchors told of.
     pub virtual_anchors: Vec<MappedVirtualAnchor, SOURCES>,
     /// The floor plan.
@@ -196,6 +199,7 @@ impl Feed {
         let mut setup = Setup {
             config,
             anchors: Vec::new(),
+            range_biases_m: Vec::new(),
             virtual_anchors: Vec::new(),
             plan: None,
             actions: Vec::new(),
@@ -205,6 +209,7 @@ impl Feed {
         for _ in 0..anchors {
             let anchor = Anchor { position_m: [self.float()?, self.float()?], height_m: self.float()? };
             setup.anchors.push(anchor).ok()?;
+            setup.range_biases_m.push([self.float()?, self.float()?]).ok()?;
         }
         for _ in 0..map {
             let mapped = MappedVirtualAnchor {

@@ -43,6 +43,9 @@ fn build<'a>(
         Ok(tracker) => slot.write(tracker),
         Err(_) => return Err(Fault(b"error refused set-up\n")),
     };
+    for (anchor, [mean_m, std_m]) in setup.range_biases_m.iter().enumerate() {
+        tracker.tell_range_bias(anchor, *mean_m, *std_m).map_err(|_| Fault(b"error refused bias\n"))?;
+    }
     match tracker.tell(&setup.map()) {
         Ok(()) => Ok((tracker, setup.cycles)),
         Err(_) => Err(Fault(b"error refused map\n")),

@@ -112,6 +112,8 @@ pub struct Setup {
     pub map: Vec<MappedVirtualAnchor>,
     /// The floor plan, from which the others follow.
     pub plan: Option<ToldPlan>,
+    /// Mean and standard deviation of every anchor's range bias, metres.
+    pub range_biases_m: Vec<[f32; 2]>,
     /// The action library.
     pub actions: Vec<Action>,
     /// Seed of the tracker's randomness.
@@ -209,6 +211,16 @@ impl Setup {
                 })
                 .collect(),
             plan: recording.plan.as_ref().map(ToldPlan::new),
+            range_biases_m: recording
+                .anchors
+                .iter()
+                .map(|anchor| {
+                    [
+                        anchor.range_bias_mean_m.unwrap_or(radio.range_bias_mean_m) as f32,
+                        anchor.range_bias_std_m.unwrap_or(radio.range_bias_std_m) as f32,
+                    ]
+                })
+                .collect(),
             actions,
             seed: seed.unwrap_or(1),
         };
@@ -288,8 +300,14 @@ impl Setup {
     fn build<const A: usize, const S: usize, const C: usize, const P: usize>(
         &self,
     ) -> Result<Box<AnyTracker<A, S, C, P>>, Error> {
-        let build =
-            || Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed).map(Box::new);
+        let build = || {
+            let mut tracker =
+                Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;
+            for (anchor, [mean_m, std_m]) in self.range_biases_m.iter().enumerate() {
+                tracker.tell_range_bias(anchor, *mean_m, *std_m)?;
+            }
+            Ok(Box::new(tracker))
+        };
         std::thread::scope(|scope| {
             let builder = std::thread::Builder::new().stack_size(BUILDING_STACK_BYTES);
             match builder.spawn_scoped(scope, build) {

@@ -168,11 +168,7 @@ impl Simulator {
             anchors: scenario
                 .anchors
                 .iter()
-                .map(|anchor| recording::Anchor {
-                    name: anchor.name.clone(),
-                    position_m: anchor.position_m,
-                    height_m: anchor.height_m,
-                })
+                .map(|anchor| recording::Anchor::new(anchor.name.clone(), anchor.position_m, anchor.height_m))
                 .collect(),
             virtual_anchors: self.floor_plan.virtual_anchors.clone(),
             antennas: Vec::new(),

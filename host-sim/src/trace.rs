@@ -51,7 +51,7 @@ fn replayed<const S: usize, const C: usize, const P: usize>(
 /// The recording holds scans of more than 16 ranges, which the firmware has no room for.
 pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>, InputError> {
     let mut feed = Feed::default();
-    feed.word(u32::from_le_bytes(*b"COG3"));
+    feed.word(u32::from_le_bytes(*b"COG4"));
     for count in [setup.anchors.len(), setup.map.len(), setup.actions.len(), recording.cycles.len()] {
         feed.count(count);
     }
@@ -93,9 +93,9 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
     feed.word(u32::from(config.has_heading));
     feed.count(config.controller.first_action);
     feed.count(config.controller.planned_actions);
-    for anchor in &setup.anchors {
+    for (anchor, [mean_m, std_m]) in setup.anchors.iter().zip(&setup.range_biases_m) {
         let [x, y] = anchor.position_m;
-        [x, y, anchor.height_m].into_iter().for_each(|value| feed.float(value));
+        [x, y, anchor.height_m, *mean_m, *std_m].into_iter().for_each(|value| feed.float(value));
     }
     for mapped in &setup.map {
         let [x, y] = mapped.position_m;

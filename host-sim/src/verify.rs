@@ -260,7 +260,12 @@ fn twin<T: crate::reference::Real, const A: usize>(setup: &Setup) -> Reference<T
         components: COMPONENTS,
         points: POINTS,
     };
-    Reference::new(setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed, capacity)
+    let mut twin =
+        Reference::new(setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed, capacity);
+    for (anchor, [mean_m, std_m]) in setup.range_biases_m.iter().enumerate() {
+        twin.tell_range_bias(anchor, *mean_m, *std_m);
+    }
+    twin
 }
 
 fn distance(a: [f32; 2], b: [f64; 2]) -> f64 {
@@ -891,7 +896,7 @@ mod tests {
             anchors: ANCHORS
                 .iter()
                 .enumerate()
-                .map(|(n, position)| Anchor { name: format!("{n}"), position_m: *position, height_m: 2.0 })
+                .map(|(n, position)| Anchor::new(format!("{n}"), *position, 2.0))
                 .collect(),
             virtual_anchors: IMAGES[..2]
                 .iter()
@@ -1589,7 +1594,7 @@ mod tests {
     #[test]
     fn more_than_two_anchors_are_equal() {
         let mut recording = recording(Kind::Ranges, 40, 0);
-        let third = Anchor { name: "third".into(), position_m: [1.0, 1.0], height_m: 0.5 };
+        let third = Anchor::new("third", [1.0, 1.0], 0.5);
         recording.anchors.push(third);
         for cycle in &mut recording.cycles {
             let [x, y] = cycle.truth_position_m.unwrap();

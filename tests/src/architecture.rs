@@ -60,7 +60,7 @@ const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
 /// What the crate's root exports again: no block may take the whole by that way.
 const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
 /// What may change the whole tracker.
-const ENTRIES: [&str; 13] = [
+const ENTRIES: [&str; 14] = [
     "begin",
     "cycle",
     "cycle_observed",
@@ -74,6 +74,7 @@ const ENTRIES: [&str; 13] = [
     "switch_antenna",
     "tell",
     "tell_channel",
+    "tell_range_bias",
 ];
 
 /// A source file: its path below `core/src`, without `.rs`, and its code without comments and tests.

@@ -334,7 +334,12 @@ fn a_calibration_is_read_as_it_is_written_and_a_foreign_one_is_refused() {
     assert!(refusal.contains("range_bias"), "{refusal}");
     std::fs::remove_dir_all(&folder).unwrap();
     let rust = calibration.to_rust();
-    for name in ["RANGE_CORRECTION_M: [f32; 5]", "ANTENNA_CORRECTION_M: [f32; 2]", "BIAS_STD_M", "ROLL_OFF"] {
+    for name in [
+        "RANGE_CORRECTION_M: [f32; 5]",
+        "ANTENNA_CORRECTION_M: [f32; 2]",
+        "RANGE_BIAS_STD_M: [f32; 5]",
+        "ROLL_OFF",
+    ] {
         assert!(rust.contains(name), "{name} is not in\n{rust}");
     }
 }

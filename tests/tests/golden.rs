@@ -43,5 +43,5 @@ fn one_bit_of_one_sample_changes_the_hash() {
     // Not the last one, which rounding may swallow.
     strongest[0] = f32::from_bits(strongest[0].to_bits() ^ 16);
     assert_ne!(hashes(&run.recording), hashes(&changed));
-    assert_eq!(feed(&setup, &run.recording, file).unwrap()[..4], *b"COG3");
+    assert_eq!(feed(&setup, &run.recording, file).unwrap()[..4], *b"COG4");
 }

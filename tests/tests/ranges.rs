@@ -8,7 +8,7 @@ use cogmint::recording::{Antenna, Cycle, Motion, Range, Recording};
 use cogmint::replay::{LARGE_ANCHORS, Setup};
 use cogmint::track::track;
 use cogmint::verify::verify;
-use cogmint_core::{Anchor, Config, Error, Map, Tracker};
+use cogmint_core::{Anchor, Config, Error, Map, Setting, Tracker};
 use range_recording::recording_of_ranges;
 use std::path::Path;
 
@@ -125,11 +125,77 @@ fn lateness_is_learnt_of_every_anchor() {
     assert!(share(1).min(share(3)) > share(0).max(share(2)).max(share(4)));
 }
 
+/// Two anchors are long for good, as behind a wall; who knows is told by about how much, and that the others are calibrated.
+fn behind_walls(recording: &mut Recording, is_told: bool) {
+    const LONG_M: [f64; 2] = [0.9, 0.6];
+    for cycle in &mut recording.cycles {
+        for range in &mut cycle.ranges {
+            range.range_m += LONG_M.get(range.anchor).copied().unwrap_or(0.0);
+        }
+    }
+    if is_told {
+        for (index, anchor) in recording.anchors.iter_mut().enumerate() {
+            let long_m = LONG_M.get(index).map(|long_m| long_m + 0.1);
+            anchor.range_bias_mean_m = long_m;
+            anchor.range_bias_std_m = Some(if long_m.is_some() { 0.2 } else { 0.02 });
+        }
+    }
+}
+
+#[test]
+fn a_bias_told_of_each_anchor_is_worth_more_than_one_for_all() {
+    let told = errors(|recording| behind_walls(recording, true));
+    let untold = errors(|recording| behind_walls(recording, false));
+    let all_alike = errors(|recording| {
+        behind_walls(recording, false);
+        recording.radio.range_bias_mean_m = 0.3;
+        recording.radio.range_bias_std_m = 0.4;
+    });
+    let free = errors(|_| ());
+    println!(
+        "told {told:?}; one for all, as it was {untold:?}, as it is {all_alike:?}; nobody is behind {free:?}"
+    );
+    assert!(told[0] < 0.8 * untold[0] && told[0] < 0.95 * all_alike[0] && told[0] < 1.2 * free[0]);
+    assert!((0.5..2.0).contains(&told[2]), "{told:?}");
+}
+
+#[test]
+fn a_bias_is_told_of_an_anchor_there_is_before_the_first_cycle() {
+    let recording = flight(2, 1);
+    let setup = Setup::new(&recording, Path::new("a flight"), Some(1)).unwrap();
+    let mut tracker = setup.tracker::<LARGE_ANCHORS>().unwrap();
+    let bias = |error| Err(Error::Configuration(error));
+    assert_eq!(tracker.tell_range_bias(5, 0.1, 0.1), Err(Error::UnknownAnchor { anchor: 5 }));
+    for (mean_m, std_m) in [(f32::NAN, 0.1), (10.5, 0.1), (0.1, f32::NAN), (0.1, -0.1), (0.1, 11.0)] {
+        assert_eq!(tracker.tell_range_bias(0, mean_m, std_m), bias(Setting::BiasPrior));
+    }
+    assert_eq!(tracker.filter().bias_m(0), Some((0.0, 0.1_f32 * 0.1)));
+    tracker.tell_range_bias(0, 0.5, 0.0).unwrap();
+    tracker.tell_range_bias(1, -0.2, 0.3).unwrap();
+    let expected = [(0.5, 0.0), (-0.2, 0.3_f32 * 0.3), (0.0, 0.1_f32 * 0.1)];
+    for (anchor, expected) in expected.into_iter().enumerate() {
+        assert_eq!(tracker.filter().bias_m(anchor), Some(expected));
+    }
+    tracker.begin(0.1, None).unwrap();
+    assert_eq!(tracker.tell_range_bias(0, 0.1, 0.1), Err(Error::AlreadyTold));
+    tracker.finish().unwrap();
+    assert_eq!(tracker.tell_range_bias(0, 0.1, 0.1), Err(Error::AlreadyTold));
+    // Known exactly, it stays.
+    assert_eq!(tracker.filter().bias_m(0), Some((0.5, 0.0)));
+}
+
 #[test]
 fn core_and_reference_agree_in_every_bit() {
-    let recording = flight(3, 150);
-    let outcome = verify(&recording, Path::new("a flight"), Some(3), None, |_| ()).unwrap();
-    assert!(outcome.equal && outcome.cycles == 150, "{:?}", outcome.first_difference);
+    let alike = flight(3, 150);
+    let mut apart = flight(4, 150);
+    behind_walls(&mut apart, true);
+    let mut one_alone = flight(5, 150);
+    one_alone.radio.range_bias_std_m = 0.0;
+    one_alone.anchors[2].range_bias_std_m = Some(0.3);
+    for recording in [alike, apart, one_alone] {
+        let outcome = verify(&recording, Path::new("a flight"), Some(3), None, |_| ()).unwrap();
+        assert!(outcome.equal && outcome.cycles == 150, "{:?}", outcome.first_difference);
+    }
 }
 
 #[test]

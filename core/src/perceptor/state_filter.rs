@@ -87,7 +87,7 @@ pub struct StateFilter<const ANCHORS: usize, const SURFACES: usize> {
     covariance: Covariance<ANCHORS, SURFACES>,
     surfaces: [Option<Surface>; SURFACES],
     estimate_bias: bool,
-    bias_limit_m2: f32,
+    bias_limits_m2: [f32; ANCHORS],
     motion: Motion,
     /// The position's standard deviation never exceeds this, metres.
     reach_m: f32,
@@ -132,7 +132,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             },
             surfaces: [None; SURFACES],
             estimate_bias: bias_std_m > 0.0,
-            bias_limit_m2: bias_std_m * bias_std_m,
+            bias_limits_m2: [bias_std_m * bias_std_m; ANCHORS],
             motion,
             reach_m,
         }
@@ -169,6 +169,33 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         let mean = self.mean.bias_m.get(anchor)?;
         let variance = self.covariance.bb.get(anchor)?.get(anchor)?;
         Some((*mean, *variance))
+    }
+
+    /// Takes the range bias of an anchor for `mean_m` give or take `std_m` (0: exactly), metres, whatever was known of it; it is never
+    /// known worse. Without such an anchor, nothing changes.
+    pub fn tell_bias(&mut self, anchor: usize, mean_m: f32, std_m: f32) {
+        let Covariance { xb, bb, bs, .. } = &mut self.covariance;
+        let (Some(mean), Some(limit_m2)) =
+            (self.mean.bias_m.get_mut(anchor), self.bias_limits_m2.get_mut(anchor))
+        else {
+            return;
+        };
+        *mean = mean_m;
+        *limit_m2 = std_m * std_m;
+        if let Some(cross) = xb.get_mut(anchor) {
+            cross.fill(0.0);
+        }
+        for (j, row) in bb.iter_mut().enumerate() {
+            for (k, entry) in row.iter_mut().enumerate() {
+                if j == anchor || k == anchor {
+                    *entry = if j == k { *limit_m2 } else { 0.0 };
+                }
+            }
+        }
+        for cross in bs.iter_mut().filter_map(|row| row.get_mut(anchor)) {
+            cross.fill(0.0);
+        }
+        self.estimate_bias = self.bias_limits_m2.iter().any(|limit_m2| *limit_m2 > 0.0);
     }
 
     /// What the surface in `slot` is, its two numbers and their covariance; `None` for a free slot.
@@ -725,9 +752,11 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         );
         let mut b = [1.0; ANCHORS];
         if self.estimate_bias {
-            for (j, (factor_b, row)) in b.iter_mut().zip(&c.bb).enumerate() {
+            for (j, ((factor_b, row), limit_m2)) in
+                b.iter_mut().zip(&c.bb).zip(&self.bias_limits_m2).enumerate()
+            {
                 if let Some(variance) = row.get(j) {
-                    *factor_b = factor(*variance, self.bias_limit_m2);
+                    *factor_b = factor(*variance, *limit_m2);
                 }
             }
         }
@@ -1154,7 +1183,7 @@ stored!(blank Covariance<const ANCHORS, const SURFACES> { xx, xb, bb, xs, bs, ss
 stored!(blank StateVector<const ANCHORS, const SURFACES> { agent, bias_m, surfaces });
 stored!(
     blank StateFilter<const ANCHORS, const SURFACES> {
-        mean, covariance, surfaces, estimate_bias, bias_limit_m2, motion, reach_m
+        mean, covariance, surfaces, estimate_bias, bias_limits_m2, motion, reach_m
     }
 );
 

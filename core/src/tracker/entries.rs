@@ -164,6 +164,26 @@ impl<
         Ok(())
     }
 
+    /// Tells the range bias of one anchor, before the first cycle: its mean (-10 to 10 m) and standard deviation (0 to 10 m; 0 where it
+    /// is known exactly). Without, it is that of the configuration ([`Ranging::bias_mean_m`](crate::model::measurement::Ranging)).
+    ///
+    /// # Errors
+    /// There is no such anchor, or a value is out of range, or [`Error::AlreadyTold`]; nothing has changed then.
+    pub fn tell_range_bias(&mut self, anchor: usize, mean_m: f32, std_m: f32) -> Result<(), Error> {
+        if self.cycle > 0 || self.begun.is_some() {
+            return Err(Error::AlreadyTold);
+        }
+        if anchor >= self.anchors.len() {
+            return Err(Error::UnknownAnchor { anchor });
+        }
+        // Written so that NaN fails.
+        if !(abs(mean_m) <= 10.0 && (0.0..=10.0).contains(&std_m)) {
+            return Err(Error::Configuration(Setting::BiasPrior));
+        }
+        self.belief.tell(|filter| filter.tell_bias(anchor, mean_m, std_m));
+        Ok(())
+    }
+
     /// From now on everything is received with an antenna that is this far ahead of the centre of the tag's body, and to its left
     /// (metres, within 1 km). With [`Config::has_heading`](crate::Config::has_heading), which way the body faces is estimated from what the
     /// antennas tell; it is entered with the surroundings, by [`Self::tell`].

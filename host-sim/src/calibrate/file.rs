@@ -213,6 +213,8 @@ impl Calibration {
         let mut anchors = recording.anchors;
         for (anchor, calibrated) in anchors.iter_mut().zip(&self.anchors) {
             anchor.position_m = calibrated.position_m;
+            anchor.range_bias_mean_m = None;
+            anchor.range_bias_std_m = Some(left_std_m(calibrated.range_bias_std_m));
         }
         let mut association = recording.association;
         if self.errors.are_first_paths {
@@ -237,8 +239,7 @@ impl Calibration {
     /// What is left of the anchors' bias, root mean square, metres; 0 where it is too little to be estimated.
     pub fn bias_std_m(&self) -> f64 {
         let squares = self.anchors.iter().map(|anchor| anchor.range_bias_std_m.powi(2));
-        let std_m = (squares.sum::<f64>() / self.anchors.len().max(1) as f64).sqrt();
-        if std_m < LEAST_BIAS_STD_M { 0.0 } else { std_m }
+        left_std_m((squares.sum::<f64>() / self.anchors.len().max(1) as f64).sqrt())
     }
 
     /// Refuses a recording of other anchors or antennas.
@@ -309,6 +310,11 @@ impl Calibration {
             "FRAME_CORRECTION_M",
             &|anchor| anchor.range_bias_m + self.pulse.as_ref().and_then(|p| p.peak_offset_m).unwrap_or(0.0),
         );
+        table(
+            "What is left of an anchor's bias, metres: for `Tracker::tell_range_bias`, with a mean of 0.",
+            "RANGE_BIAS_STD_M",
+            &|anchor| left_std_m(anchor.range_bias_std_m),
+        );
         if are_first_paths {
             table("Variance of an anchor's range, square metres.", "RANGE_VARIANCE_M2", &|anchor| {
                 anchor.noise_std_m * anchor.noise_std_m
@@ -328,7 +334,6 @@ impl Calibration {
         let mut number = |doc: &str, name: &str, value: f64| {
             let _ = write!(text, "\n/// {doc}\npub const {name}: f32 = {:?};\n", value as f32);
         };
-        number("`Config::ranging.bias_std_m`; the mean is 0 then.", "BIAS_STD_M", self.bias_std_m());
         if are_first_paths {
             // The core's own limits.
             let (detected, clutter) =
@@ -350,4 +355,9 @@ impl Calibration {
         }
         text
     }
+}
+
+/// A deviation of what is left of a bias, metres; 0 where it is too little to be estimated.
+fn left_std_m(std_m: f64) -> f64 {
+    if std_m < LEAST_BIAS_STD_M { 0.0 } else { std_m }
 }

@@ -94,7 +94,7 @@ pub fn eight_paths(frames: usize, seed: u64) -> Recording {
             range_late_m: 0.0,
             range_floor_pulses: None,
         },
-        anchors: vec![Anchor { name: "A".into(), position_m: [0.0, 0.0], height_m: 0.0 }],
+        anchors: vec![Anchor::new("A", [0.0, 0.0], 0.0)],
         virtual_anchors: Vec::new(),
         actions: vec![Action { carrier_hz: 7e9, pulse_duration_s: DURATION_S }],
         walls: Vec::new(),

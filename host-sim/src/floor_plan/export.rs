@@ -46,10 +46,8 @@ impl Export {
     /// A wall's construction is unknown.
     pub fn of_scenario(scenario: &Scenario, seed: Option<u64>) -> Result<Self, InputError> {
         let told = super::told(scenario, seed)?;
-        let anchor = |anchor: &crate::scenario::Anchor| Anchor {
-            name: anchor.name.clone(),
-            position_m: anchor.position_m,
-            height_m: anchor.height_m,
+        let anchor = |anchor: &crate::scenario::Anchor| {
+            Anchor::new(anchor.name.clone(), anchor.position_m, anchor.height_m)
         };
         let source = |source: super::ToldSource| Source {
             anchor: source.anchor,
@@ -114,7 +112,7 @@ impl Export {
             self.anchors.len()
         );
         // Writing to a string cannot fail.
-        for Anchor { name, position_m, height_m } in &self.anchors {
+        for Anchor { name, position_m, height_m, .. } in &self.anchors {
             let _ = writeln!(
                 text,
                 "    // {}\n    Anchor {{ position_m: {}, height_m: {:?} }},",

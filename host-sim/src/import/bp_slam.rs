@@ -111,7 +111,7 @@ fn read_anchors(path: &Path) -> Result<(Vec<Anchor>, Vec<VirtualAnchor>), InputE
         match row.is_physical_anchor {
             0 => virtual_anchors.push(VirtualAnchor::new(row.sensor - 1, position_m, 0.0, false)),
             1 => {
-                let anchor = Anchor { name: format!("sensor {}", row.sensor), position_m, height_m: 0.0 };
+                let anchor = Anchor::new(format!("sensor {}", row.sensor), position_m, 0.0);
                 if physical.insert(row.sensor, anchor).is_some() {
                     return Err(refuse("sensor", format!("{} has a second physical anchor", row.sensor)));
                 }

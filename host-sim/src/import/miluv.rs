@@ -195,10 +195,12 @@ fn read_anchors(archive: &mut Archive<std::io::BufReader<std::fs::File>>) -> Res
         return Err(anchors_m.refuse(format!("is {} in row {}", anchors_m.float(index), index / 3)));
     }
     Ok((0..count)
-        .map(|index| Anchor {
-            name: format!("anchor {index}"),
-            position_m: [anchors_m.float(3 * index), anchors_m.float(3 * index + 1)],
-            height_m: anchors_m.float(3 * index + 2),
+        .map(|index| {
+            Anchor::new(
+                format!("anchor {index}"),
+                [anchors_m.float(3 * index), anchors_m.float(3 * index + 1)],
+                anchors_m.float(3 * index + 2),
+            )
         })
         .collect())
 }

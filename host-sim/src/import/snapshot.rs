@@ -106,7 +106,7 @@ pub fn snapshot(places: &Path, paths: &Path, options: &SnapshotOptions) -> Resul
             range_late_m: 0.0,
             range_floor_pulses: None,
         },
-        anchors: vec![Anchor { name: "base station".into(), position_m: options.anchor_m, height_m: 0.0 }],
+        anchors: vec![Anchor::new("base station", options.anchor_m, 0.0)],
         virtual_anchors: options.map_m.iter().map(known).collect(),
         walls: Vec::new(),
         plan: None,

@@ -94,11 +94,7 @@ fn recording_of(link: &LinkRow, start: Start, anchor_m: [f64; 2], cycles: Vec<Cy
             range_late_m: 0.0,
             range_floor_pulses: None,
         },
-        anchors: vec![Anchor {
-            name: format!("anchor {}", link.anchor),
-            position_m: anchor_m,
-            height_m: 0.0,
-        }],
+        anchors: vec![Anchor::new(format!("anchor {}", link.anchor), anchor_m, 0.0)],
         virtual_anchors: Vec::new(),
         walls: Vec::new(),
         plan: None,

@@ -273,7 +273,8 @@ impl Recording {
             return Err(Fault::key("anchors", format!("has {} entries", self.anchors.len()))
                 .allowed(format!("1 to {MAX_ANCHORS}")));
         }
-        for (index, Anchor { name, position_m, height_m }) in self.anchors.iter().enumerate() {
+        for (index, anchor) in self.anchors.iter().enumerate() {
+            let Anchor { name, position_m, height_m, range_bias_mean_m, range_bias_std_m } = anchor;
             if name.trim().is_empty() || name.contains(char::is_control) {
                 return Err(Fault::key(format!("anchors.{index}.name"), "is empty or not on one line"));
             }
@@ -287,6 +288,12 @@ impl Recording {
                 check_key(format!("anchors.{index}.position_m"), coordinate_m, POSITION)?;
             }
             check_key(format!("anchors.{index}.height_m"), *height_m, POSITION)?;
+            if let Some(mean_m) = range_bias_mean_m {
+                check_key(format!("anchors.{index}.range_bias_mean_m"), *mean_m, from_to(-1e3, 1e3))?;
+            }
+            if let Some(std_m) = range_bias_std_m {
+                check_key(format!("anchors.{index}.range_bias_std_m"), *std_m, from_to(0.0, 1e3))?;
+            }
         }
         if self.virtual_anchors.len() > usize::from(u16::MAX) {
             return Err(Fault::key("virtual_anchors", format!("has {} entries", self.virtual_anchors.len()))

@@ -260,6 +260,19 @@ pub struct Anchor {
     pub position_m: [f64; 2],
     /// Its height, in metres.
     pub height_m: f64,
+    /// Prior mean of the bias of its ranges, in metres; without, that of the radio.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range_bias_mean_m: Option<f64>,
+    /// Its prior standard deviation, in metres; without, that of the radio.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range_bias_std_m: Option<f64>,
+}
+
+impl Anchor {
+    /// An anchor whose bias is as the radio's.
+    pub fn new(name: impl Into<String>, position_m: [f64; 2], height_m: f64) -> Self {
+        Self { name: name.into(), position_m, height_m, range_bias_mean_m: None, range_bias_std_m: None }
+    }
 }
 
 /// One of several antennas on one body.
@@ -440,7 +453,7 @@ pub(crate) mod tests {
     /// A small recording with everything in it.
     pub(crate) fn example() -> Recording {
         let action = Action { carrier_hz: 7e9, pulse_duration_s: 0.5e-9 };
-        let anchor = |name: &str, x| Anchor { name: name.into(), position_m: [x, 7.0], height_m: 1.5 };
+        let anchor = |name: &str, x| Anchor::new(name, [x, 7.0], 1.5);
         let frame = |anchor| Frame {
             anchor,
             action: anchor,

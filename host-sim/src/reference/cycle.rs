@@ -203,6 +203,13 @@ impl<T: Real> Reference<T> {
         }
     }
 
+    /// Tells the prior of one anchor's range bias, metres, before the first cycle.
+    pub fn tell_range_bias(&mut self, anchor: usize, mean_m: f32, std_m: f32) {
+        let Belief { trusted, components, .. } = &mut self.belief;
+        trusted.tell_bias(anchor, mean_m, std_m);
+        components.iter_mut().for_each(|component| component.filter.tell_bias(anchor, mean_m, std_m));
+    }
+
     /// One cycle of input that the core accepts.
     pub fn cycle(
         &mut self,

@@ -60,7 +60,7 @@ pub struct StateFilter<T> {
     covariance: Matrix<T>,
     surfaces: Vec<Option<Surface<T>>>,
     estimate_bias: bool,
-    bias_limit_m2: T,
+    bias_limits_m2: Vec<T>,
     motion: Motion,
     reach_m: T,
 }
@@ -98,17 +98,30 @@ impl<T: Real> StateFilter<T> {
             covariance[AGENT + anchor][AGENT + anchor] = square(T::of(prior.bias_std_m));
         }
         let estimate_bias = prior.bias_std_m > 0.0;
-        let bias_limit_m2 = square(T::of(prior.bias_std_m));
+        let bias_limits_m2 = vec![square(T::of(prior.bias_std_m)); anchors];
         Self {
             anchors,
             mean,
             covariance,
             surfaces: vec![None; slots],
             estimate_bias,
-            bias_limit_m2,
+            bias_limits_m2,
             motion,
             reach_m: T::of(prior.reach_m),
         }
+    }
+
+    /// The prior of one anchor's bias is another.
+    pub fn tell_bias(&mut self, anchor: usize, mean_m: f32, std_m: f32) {
+        let own = self.bias(anchor);
+        self.mean[own] = T::of(mean_m);
+        self.bias_limits_m2[anchor] = square(T::of(std_m));
+        for other in 0..self.mean.len() {
+            self.covariance[own][other] = T::ZERO;
+            self.covariance[other][own] = T::ZERO;
+        }
+        self.covariance[own][own] = self.bias_limits_m2[anchor];
+        self.estimate_bias = self.bias_limits_m2.iter().any(|limit| *limit > T::ZERO);
     }
 
     /// Index of an anchor's bias.
@@ -579,7 +592,7 @@ impl<T: Real> StateFilter<T> {
             } else if i < AGENT {
                 T::of(VELOCITY_LIMIT)
             } else if self.is_bias(i) {
-                self.bias_limit_m2
+                self.bias_limits_m2[i - AGENT]
             } else if self.is_rotation(i) {
                 T::of(ROTATION_LIMIT)
             } else {

@@ -54,7 +54,7 @@ fn recording(
         anchors: anchors_m
             .iter()
             .enumerate()
-            .map(|(n, position_m)| Anchor { name: format!("a{n}"), position_m: *position_m, height_m: 1.0 })
+            .map(|(n, position_m)| Anchor::new(format!("a{n}"), *position_m, 1.0))
             .collect(),
         virtual_anchors: Vec::new(),
         actions: Vec::new(),

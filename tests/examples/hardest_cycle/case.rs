@@ -203,11 +203,7 @@ pub fn recording(seed: u64) -> Recording {
         anchors: anchors_m
             .iter()
             .enumerate()
-            .map(|(index, position_m)| Anchor {
-                name: format!("{index}"),
-                position_m: *position_m,
-                height_m: 2.5,
-            })
+            .map(|(index, position_m)| Anchor::new(format!("{index}"), *position_m, 2.5))
             .collect(),
         virtual_anchors,
         actions: (0..actions)

@@ -10,7 +10,7 @@ pub fn recording_of_ranges(
     motion: Motion,
     cycles: Vec<Cycle>,
 ) -> Recording {
-    let anchor = |(n, (position_m, height_m))| Anchor { name: format!("anchor {n}"), position_m, height_m };
+    let anchor = |(n, (position_m, height_m))| Anchor::new(format!("anchor {n}"), position_m, height_m);
     Recording {
         name,
         source: String::new(),

@@ -162,7 +162,7 @@ impl SlamRanges {
             anchors: ANCHORS
                 .iter()
                 .enumerate()
-                .map(|(index, place)| Anchor { name: format!("A{index}"), position_m: *place, height_m: 0.0 })
+                .map(|(index, place)| Anchor::new(format!("A{index}"), *place, 0.0))
                 .collect(),
             virtual_anchors: IMAGES
                 .iter()
