@@ -128,10 +128,19 @@ impl<const PATHS: usize> Search<'_, PATHS> {
     /// One pass over the powers beside the paths refines the levels of white noise and dense multipath.
     fn fit_noise(&mut self, steps: &LevelSteps, floor: f32) {
         let (estimator, peaks, samples) = (self.estimator, &self.peaks, self.samples);
+        let support = estimator.table.support_samples();
         self.noise.refine(steps, &MAGNITUDE_CUT, floor, |from, to, cut| {
             let mut powers = CutPowers::default();
+            // Those whose pulses end before the cell, or begin after it, explain nothing there.
+            let mut reaching: Vec<&Peak, PATHS> = Vec::new();
+            for peak in peaks {
+                if peak.position + support >= from as f32 && peak.position - support <= to as f32 {
+                    // As many as paths at most: the push succeeds.
+                    let _ = reaching.push(peak);
+                }
+            }
             for (n, sample) in (from..).zip(samples.get(from..to).unwrap_or(&[])) {
-                let explained = peaks.iter().any(|peak| {
+                let explained = reaching.iter().any(|peak| {
                     let share = peak.amplitude * estimator.table.at(n as f32 - peak.position);
                     share * share > EXPLAINED * peak.level
                 });
@@ -157,7 +166,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
     fn add_strongest(&mut self) -> bool {
         // A path midway between two samples looks this weak: what falls short by more need not be fitted.
         let midway = self.estimator.table.at(0.5);
-        let floor = SCALLOPING * (midway * midway) * self.threshold;
+        let mut floor = SCALLOPING * (midway * midway) * self.threshold;
         let mut best: Option<Peak> = None;
         for (n, window) in (1..).zip(self.samples.windows(3)) {
             let &[before, here, after] = window else { continue };
@@ -175,6 +184,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
             let Some(peak) = self.fit(None, n) else { continue };
             let stronger = best.is_none_or(|best| peak.gain > best.gain);
             if peak.gain > self.threshold && stronger {
+                floor = SCALLOPING * (midway * midway) * peak.gain;
                 best = Some(peak);
             }
         }

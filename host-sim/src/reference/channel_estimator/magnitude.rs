@@ -109,7 +109,8 @@ fn strongest_peak<T: Real>(
     kappa: T,
 ) -> Option<Peak<T>> {
     let num = T::of;
-    let floor = num(SCALLOPING) * square(estimator.table.at(num(0.5))) * kappa;
+    let share = num(SCALLOPING) * square(estimator.table.at(num(0.5)));
+    let mut floor = share * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
         let at = T::of_count(n);
@@ -126,6 +127,7 @@ fn strongest_peak<T: Real>(
         let Some(peak) = fit(estimator, samples, noise, peaks, None, n) else { continue };
         // Order: the first of equals.
         if peak.gain > kappa && best.is_none_or(|best| peak.gain > best.gain) {
+            floor = share * peak.gain;
             best = Some(peak);
         }
     }
