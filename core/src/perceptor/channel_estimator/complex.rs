@@ -18,7 +18,9 @@
 use super::beginning::{Beginning, Tail};
 use super::component::{Component, Reach, cluster_end, sort};
 use super::gram::Symmetric;
-use super::noise::{COMPLEX_CUT, CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level};
+use super::noise::{
+    COMPLEX_CUT, Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level,
+};
 use super::{ChannelEstimate, ChannelEstimator, LEAST_SINR, Path, SPARE_ROUNDS};
 use crate::model::observation::Complex;
 use crate::real::{abs, larger, smaller};
@@ -61,6 +63,8 @@ struct Fit<'a, const PATHS: usize> {
     components: Vec<Component, PATHS>,
     noise: &'a mut NoiseLevel,
     steps: LevelSteps,
+    /// Of the samples as they are.
+    cells: CellPowers,
     /// White noise is never taken as less than this: -120 dB of the strongest sample.
     floor: f32,
     /// Sigma.
@@ -89,6 +93,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             samples,
             components: Vec::new(),
             noise: &mut estimate.noise,
+            cells: CellPowers::new(&steps, powers),
             steps,
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
@@ -182,7 +187,14 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         let skip = SKIP_PULSES * table.samples_per_pulse();
         let strong = self.estimator.settings.strong_sinr;
         let mut reach = Reach::new(&self.components);
-        self.noise.refine(&self.steps, &COMPLEX_CUT, self.floor, |from, to, cut| {
+        self.noise.refine(&self.steps, &COMPLEX_CUT, self.floor, |Cell { node, from, to }, cut| {
+            let (_, active, until) = reach.at(from);
+            if active.is_empty()
+                && until >= to
+                && let Some(sum) = self.cells.below(node, cut)
+            {
+                return CutPowers::whole(sum, to - from);
+            }
             let mut powers = CutPowers::default();
             let mut n = from;
             while n < to {

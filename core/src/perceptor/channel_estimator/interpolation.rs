@@ -53,22 +53,25 @@ impl Interpolation {
     /// The weights of the taps for positions `fraction` of a sample after the one with the number [`BEFORE`].
     pub fn kernel(&self, fraction: f32) -> Kernel {
         let mut weights = [0.0; TAPS];
-        for (weight, tap) in weights.iter_mut().zip(self.weights(fraction)) {
-            *weight = tap;
+        let (low, high, between) = self.weights(fraction);
+        for ((weight, low), high) in weights.iter_mut().zip(low).zip(high) {
+            *weight = low + between * (high - low);
         }
         Kernel { weights, is_mirrored: fraction > 0.5 }
     }
 
-    /// The weights of the taps; in the second half of a sample from the last tap to the first, as those of the first half.
-    fn weights(&self, fraction: f32) -> impl Iterator<Item = f32> + '_ {
+    /// The weights of the taps at the phases before and after, and how far it is between them; in the second half of a sample from the
+    /// last tap to the first, as those of the first half.
+    fn weights(&self, fraction: f32) -> (&[f32; TAPS], &[f32; TAPS], f32) {
         // Not negative, so truncation is the floor.
         let phase = PHASES as f32 * if fraction > 0.5 { 1.0 - fraction } else { fraction };
         let step = (phase as usize).min(KEPT - 1);
         let between = phase - step as f32;
-        let pair = self.kernels.get(step..step + 2).unwrap_or(&[]);
-        let (low, high) = (pair.first(), pair.last());
-        let pairs = low.into_iter().flatten().zip(high.into_iter().flatten());
-        pairs.map(move |(low, high)| low + between * (high - low))
+        match self.kernels.get(step..step + 2) {
+            Some([low, high]) => (low, high, between),
+            // A step below the last has one after it.
+            _ => (&[0.0; TAPS], &[0.0; TAPS], between),
+        }
     }
 
     /// The frame at `position`, samples into it; samples beyond the frame count as zero.
@@ -77,21 +80,22 @@ impl Interpolation {
         let fraction = position - base;
         let first = base as i32 - BEFORE as i32;
         let inside = usize::try_from(first).ok().and_then(|first| samples.get(first..first + TAPS));
-        if let Some(window) = inside {
-            return self.weigh(window.iter(), fraction);
+        if let Some(window) = inside.and_then(|window| window.first_chunk()) {
+            return self.weigh(window, fraction);
         }
         // At the frame's edges: a window of its own.
         let mut window = [[0.0; 2]; TAPS];
         for (n, value) in (first..).zip(&mut window) {
             *value = usize::try_from(n).ok().and_then(|n| samples.get(n)).copied().unwrap_or([0.0; 2]);
         }
-        self.weigh(window.iter(), fraction)
+        self.weigh(&window, fraction)
     }
 
     /// The sum of the taps of a window, `fraction` of a sample after its middle.
-    fn weigh<'a>(&self, window: impl DoubleEndedIterator<Item = &'a Complex>, fraction: f32) -> Complex {
-        let weights = self.weights(fraction);
-        if fraction > 0.5 { sum(window.rev().zip(weights)) } else { sum(window.zip(weights)) }
+    fn weigh(&self, window: &[Complex; TAPS], fraction: f32) -> Complex {
+        let (low, high, between) = self.weights(fraction);
+        let weights = low.iter().zip(high).map(|(low, high)| low + between * (high - low));
+        if fraction > 0.5 { sum(window.iter().rev().zip(weights)) } else { sum(window.iter().zip(weights)) }
     }
 }
 

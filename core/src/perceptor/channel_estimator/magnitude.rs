@@ -17,7 +17,9 @@
 //! whose pulse is cut off by the frame's ends (half a pulse) is not looked for.
 
 use super::beginning::{Beginning, Tail};
-use super::noise::{CutPowers, LevelSteps, LevelWalk, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level};
+use super::noise::{
+    Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level,
+};
 use super::{ChannelEstimate, ChannelEstimator, Path, SPARE_ROUNDS};
 use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
@@ -65,6 +67,8 @@ struct Search<'a, const PATHS: usize> {
     samples: &'a [f32],
     peaks: Vec<Peak, PATHS>,
     noise: &'a mut NoiseLevel,
+    /// Powers of the samples as they are.
+    cells: CellPowers,
     triple: Triple,
     /// kappa in this frame.
     threshold: f32,
@@ -89,6 +93,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             samples,
             peaks: Vec::new(),
             noise: &mut estimate.noise,
+            cells: CellPowers::new(&steps, powers),
             triple: Triple::new(&self.table),
             threshold: self.magnitude_threshold,
         };
@@ -127,10 +132,9 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
 impl<const PATHS: usize> Search<'_, PATHS> {
     /// One pass over the powers beside the paths refines the levels of white noise and dense multipath.
     fn fit_noise(&mut self, steps: &LevelSteps, floor: f32) {
-        let (estimator, peaks, samples) = (self.estimator, &self.peaks, self.samples);
+        let (estimator, peaks, samples, cells) = (self.estimator, &self.peaks, self.samples, &self.cells);
         let support = estimator.table.support_samples();
-        self.noise.refine(steps, &MAGNITUDE_CUT, floor, |from, to, cut| {
-            let mut powers = CutPowers::default();
+        self.noise.refine(steps, &MAGNITUDE_CUT, floor, |Cell { node, from, to }, cut| {
             // Those whose pulses end before the cell, or begin after it, explain nothing there.
             let mut reaching: Vec<&Peak, PATHS> = Vec::new();
             for peak in peaks {
@@ -139,6 +143,12 @@ impl<const PATHS: usize> Search<'_, PATHS> {
                     let _ = reaching.push(peak);
                 }
             }
+            if reaching.is_empty()
+                && let Some(sum) = cells.below(node, cut)
+            {
+                return CutPowers::whole(sum, to - from);
+            }
+            let mut powers = CutPowers::default();
             for (n, sample) in (from..).zip(samples.get(from..to).unwrap_or(&[])) {
                 let explained = reaching.iter().any(|peak| {
                     let share = peak.amplitude * estimator.table.at(n as f32 - peak.position);

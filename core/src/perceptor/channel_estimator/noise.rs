@@ -201,15 +201,14 @@ impl NoiseLevel {
         }
     }
 
-    /// One update of all levels. `powers` gives the residual's powers from one sample to another, each cut off at a
-    /// third argument; nodes come from the last to the first. White noise is never taken as less than
-    /// `floor`.
+    /// One update of all levels. `powers` gives the residual's powers in a cell, each cut off at a second argument; nodes come from
+    /// the last to the first. White noise is never taken as less than `floor`.
     pub(super) fn refine(
         &mut self,
         steps: &LevelSteps,
         by: &Cut,
         floor: f32,
-        mut powers: impl FnMut(usize, usize, f32) -> CutPowers,
+        mut powers: impl FnMut(Cell, f32) -> CutPowers,
     ) {
         let (mut all_u, mut all_v) = (0.0, 0.0);
         // Sums of u and v from a node on, weighted by each of the two exponentials since the node.
@@ -225,7 +224,8 @@ impl NoiseLevel {
                 let sample = next.saturating_sub(steps.lead).min(steps.samples);
                 next += steps.cell_samples;
                 let end = next.saturating_sub(steps.lead).min(steps.samples);
-                let CutPowers { sum, count } = powers(sample, end, by.levels * level);
+                let CutPowers { sum, count } =
+                    powers(Cell { node, from: sample, to: end }, by.levels * level);
                 let inverse = 1.0 / level;
                 let v = count * inverse;
                 // In this order neither underflows.
@@ -256,6 +256,49 @@ impl NoiseLevel {
     }
 }
 
+/// A cell: its node, and its samples from one to another.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cell {
+    pub node: usize,
+    pub from: usize,
+    pub to: usize,
+}
+
+/// Sums of a frame's powers by cell, for the cells that no path reaches and in which no power is cut off: nearly all of them, in
+/// every pass of the fit. Frames whose nodes have several cells have none: they are too long to be kept.
+#[derive(Clone, Debug)]
+pub(super) struct CellPowers {
+    sums: [f32; NODES],
+    largest: [f32; NODES],
+}
+
+impl CellPowers {
+    /// Those of a frame whose sample `n` has `power(n)`.
+    pub fn new(steps: &LevelSteps, power: impl Fn(usize) -> f32) -> Self {
+        let mut powers = Self { sums: [0.0; NODES], largest: [f32::MAX; NODES] };
+        if steps.node_cells == 1 {
+            let cells = powers.sums.iter_mut().zip(&mut powers.largest).enumerate();
+            for (cell, (sum, largest)) in cells.take(steps.nodes) {
+                let (from, to) = steps.samples_of(cell);
+                *largest = 0.0;
+                for n in from..to {
+                    let here = power(n);
+                    *sum += here;
+                    *largest = larger(*largest, here);
+                }
+            }
+        }
+        powers
+    }
+
+    /// The sum of the cell of a node where none of its powers exceeds `cut`.
+    #[inline]
+    pub fn below(&self, node: usize, cut: f32) -> Option<f32> {
+        let (sum, largest) = (self.sums.get(node)?, self.largest.get(node)?);
+        (*largest <= cut).then_some(*sum)
+    }
+}
+
 /// Sum and number of powers, each cut off.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct CutPowers {
@@ -264,6 +307,12 @@ pub(super) struct CutPowers {
 }
 
 impl CutPowers {
+    /// So many powers, none of them cut off.
+    #[inline]
+    pub fn whole(sum: f32, count: usize) -> Self {
+        Self { sum, count: count as f32 }
+    }
+
     #[inline]
     pub fn add(&mut self, power: f32, cut: f32) {
         self.sum += smaller(power, cut);
@@ -350,6 +399,13 @@ impl LevelSteps {
 
     fn node_samples(&self) -> usize {
         self.node_cells * self.cell_samples
+    }
+
+    /// The samples, from and to, of the only cell of a node: none where it is ahead of the frame.
+    fn samples_of(&self, node: usize) -> (usize, usize) {
+        let first = node * self.cell_samples;
+        let within = |place: usize| place.saturating_sub(self.lead).min(self.samples);
+        (within(first), within(first + self.cell_samples))
     }
 }
 
@@ -539,7 +595,7 @@ mod tests {
                 }
                 let mut noise = NoiseLevel::open(white_level(|| powers.iter().copied(), 400), &steps);
                 for _ in 0..16 {
-                    noise.refine(&steps, &COMPLEX_CUT, 1e-9, |from, to, cut| {
+                    noise.refine(&steps, &COMPLEX_CUT, 1e-9, |Cell { from, to, .. }, cut| {
                         let mut sum = CutPowers::default();
                         powers[from..to].iter().for_each(|power| sum.add(*power, cut));
                         sum
