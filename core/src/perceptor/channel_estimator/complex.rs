@@ -21,6 +21,7 @@ use super::gram::Symmetric;
 use super::noise::{
     COMPLEX_CUT, Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level,
 };
+use super::work::{MOVE, Pass, Work};
 use super::{ChannelEstimate, ChannelEstimator, LEAST_SINR, Path, SPARE_ROUNDS};
 use crate::model::observation::Complex;
 use crate::real::{abs, larger, smaller};
@@ -40,10 +41,6 @@ pub const REFINEMENTS: usize = 6;
 pub const DOUBTFUL: f32 = 2.0;
 /// Capacity: passes over the moving delays after each new path, which bound their time.
 pub const PASSES: usize = 24;
-/// Capacity: work of a frame after which nothing is moved or added any more, which with the passes over its samples, as many as rounds, bounds
-/// its time. A unit is one component taken off where another one moves; an inversion has a sixteenth of the third power of its size. What
-/// is in hand then is ended, and may take as much again.
-pub const MOST_WORK: u32 = 4000;
 /// Guard: against endless small steps; a delay stands still that moves no further than this, samples.
 pub const STILL_SAMPLES: f32 = 0.004;
 /// Guard: against a neighbour left out that comes within reach while it moves, by this many pulse durations.
@@ -72,7 +69,7 @@ struct Fit<'a, const PATHS: usize> {
     /// kappa in this frame.
     threshold: f32,
     /// Done so far.
-    work: u32,
+    work: Work,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -98,7 +95,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
             threshold: self.threshold,
-            work: 0,
+            work: Work::default(),
         };
         if let Some(sample) = begins {
             fit.begin(sample);
@@ -116,7 +113,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         }
         let mut refined = false;
         for _ in 0..PATHS + SPARE_ROUNDS {
-            if fit.work >= MOST_WORK {
+            if fit.work.is_used_up() {
                 break;
             }
             if refined {
@@ -128,11 +125,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             let strong = candidate.is_some_and(|candidate| candidate.gain >= DOUBTFUL * fit.threshold);
             if !refined && (!strong || fit.components.is_full()) {
                 refined = true;
-                for _ in 0..REFINEMENTS {
-                    fit.fit_noise();
-                }
-                fit.set_levels();
-                fit.settle();
+                fit.refine();
                 candidate = fit.strongest();
             }
             if !candidate.is_some_and(|candidate| fit.add(candidate)) {
@@ -140,7 +133,11 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             }
             fit.move_until_still();
         }
+        if !refined {
+            fit.refine();
+        }
         estimate.threshold = fit.threshold;
+        estimate.work = fit.work.done();
         fit.take_paths(first_sample_delay_s, &mut estimate.paths);
         estimate.dense = self.dense_multipath(&estimate.noise, first_sample_delay_s);
         estimate
@@ -174,15 +171,31 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// Moves delays until they stand still.
     fn move_until_still(&mut self) {
         for _ in 0..PASSES {
-            if self.work >= MOST_WORK || !self.move_delays() {
+            if self.work.is_used_up() || !self.move_delays() {
                 break;
             }
             self.settle();
         }
     }
 
+    /// The level as it is beside the paths found, and the paths in it.
+    fn refine(&mut self) {
+        for _ in 0..REFINEMENTS {
+            self.fit_noise();
+        }
+        self.set_levels();
+        self.settle();
+    }
+
+    /// Samples that components reach, each counted for every one of them.
+    fn reached(&self) -> usize {
+        let reach = (2.0 * self.estimator.table.support_samples()) as usize;
+        self.components.len() * reach.min(self.samples.len())
+    }
+
     /// One pass over the residual refines the levels of white noise and dense multipath.
     fn fit_noise(&mut self) {
+        self.work.add_pass(Pass::Level, self.samples.len(), self.reached());
         let table = &self.estimator.table;
         let skip = SKIP_PULSES * table.samples_per_pulse();
         let strong = self.estimator.settings.strong_sinr;
@@ -280,7 +293,8 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     }
 
     /// The path with the largest gain above kappa.
-    fn strongest(&self) -> Option<Component> {
+    fn strongest(&mut self) -> Option<Component> {
+        self.work.add_pass(Pass::Search, self.samples.len(), self.reached());
         let table = &self.estimator.table;
         let mut best = (None, SCALLOPING * self.threshold);
         let mut walk = LevelWalk::new(self.noise, &self.steps);
@@ -356,7 +370,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             let (from, to) = self.neighbours(k);
             let mut furthest = 0.0;
             for _ in 0..2 {
-                self.work += (to - from) as u32;
+                self.work.add(MOVE, to - from);
                 let shift = self.move_delay(k, from, to);
                 furthest = larger(furthest, abs(shift));
                 if shift == 0.0 {
@@ -471,8 +485,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             }
             self.posterior.clear_left_of_block(from, to);
             self.posterior.invert_block(from, to);
-            let size = (to - from) as u32;
-            self.work += size * size * size / 16;
+            self.work.add_inverse(to - from);
             from = to;
         }
     }

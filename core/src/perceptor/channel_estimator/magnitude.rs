@@ -20,6 +20,7 @@ use super::beginning::{Beginning, Tail};
 use super::noise::{
     Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level,
 };
+use super::work::{FIT, MAXIMUM, Pass, Work};
 use super::{ChannelEstimate, ChannelEstimator, Path, SPARE_ROUNDS};
 use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
@@ -69,6 +70,8 @@ struct Search<'a, const PATHS: usize> {
     noise: &'a mut NoiseLevel,
     /// Powers of the samples as they are.
     cells: CellPowers,
+    /// Done so far.
+    work: Work,
     triple: Triple,
     /// kappa in this frame.
     threshold: f32,
@@ -94,6 +97,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             peaks: Vec::new(),
             noise: &mut estimate.noise,
             cells: CellPowers::new(&steps, powers),
+            work: Work::default(),
             triple: Triple::new(&self.table),
             threshold: self.magnitude_threshold,
         };
@@ -118,11 +122,12 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 }
                 fit.refit();
             }
-            if !fit.add_strongest() {
+            if fit.work.is_used_up() || !fit.add_strongest() {
                 break;
             }
         }
         estimate.threshold = fit.threshold;
+        estimate.work = fit.work.done();
         fit.take_paths(first_sample_delay_s, &mut estimate.paths);
         estimate.dense = self.dense_multipath(&estimate.noise, first_sample_delay_s);
         estimate
@@ -134,6 +139,8 @@ impl<const PATHS: usize> Search<'_, PATHS> {
     fn fit_noise(&mut self, steps: &LevelSteps, floor: f32) {
         let (estimator, peaks, samples, cells) = (self.estimator, &self.peaks, self.samples, &self.cells);
         let support = estimator.table.support_samples();
+        let reached = peaks.len() * ((2.0 * support) as usize).min(samples.len());
+        self.work.add_pass(Pass::Level, samples.len(), reached);
         self.noise.refine(steps, &MAGNITUDE_CUT, floor, |Cell { node, from, to }, cut| {
             // Those whose pulses end before the cell, or begin after it, explain nothing there.
             let mut reaching: Vec<&Peak, PATHS> = Vec::new();
@@ -183,6 +190,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
             if here < before || here <= after || self.peaks.iter().any(|peak| self.is_near(peak, n as f32)) {
                 continue;
             }
+            self.work.add(MAXIMUM, self.peaks.len());
             let unexplained = self.unexplained(None, n as f32, here);
             let energy = unexplained * unexplained;
             // The level is nowhere below the white noise, which costs no exponentials.
@@ -191,6 +199,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
             {
                 continue;
             }
+            self.work.add(FIT, self.peaks.len());
             let Some(peak) = self.fit(None, n) else { continue };
             let stronger = best.is_none_or(|best| peak.gain > best.gain);
             if peak.gain > self.threshold && stronger {
@@ -221,6 +230,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
     fn refit(&mut self) {
         for k in 0..self.peaks.len() {
             let Some(sample) = self.peaks.get(k).map(|peak| peak.sample) else { return };
+            self.work.add(FIT, self.peaks.len());
             let refitted = self.fit(Some(k), sample);
             if let (Some(peak), Some(refitted)) = (self.peaks.get_mut(k), refitted) {
                 *peak = refitted;

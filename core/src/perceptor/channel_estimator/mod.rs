@@ -21,6 +21,7 @@ pub mod interpolation;
 pub mod magnitude;
 pub mod noise;
 pub mod residual;
+pub mod work;
 
 use crate::model::observation::{Complex, SampleFault, Samples};
 use crate::radio::pulse::{Pulse, PulseTable};
@@ -69,6 +70,8 @@ pub struct ChannelEstimate<const PATHS: usize> {
     pub dense: DenseMultipath,
     /// kappa in this frame, whose noise may have a heavier tail than Gaussian.
     pub threshold: f32,
+    /// What it cost, about in instructions of a Cortex-M4F: see [`work`].
+    pub work: u32,
 }
 
 /// What an estimator takes for a path, for two, and for dense multipath. How many false paths it may report is told apart
@@ -201,7 +204,13 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
 
     /// The beginning of an estimate: its noise.
     fn without_paths(&self, noise: NoiseLevel) -> ChannelEstimate<PATHS> {
-        ChannelEstimate { paths: Vec::new(), noise, dense: DenseMultipath::default(), threshold: 0.0 }
+        ChannelEstimate {
+            paths: Vec::new(),
+            noise,
+            dense: DenseMultipath::default(),
+            threshold: 0.0,
+            work: 0,
+        }
     }
 
     /// The dense multipath as a whole of a frame's noise.

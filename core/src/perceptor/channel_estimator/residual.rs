@@ -256,6 +256,7 @@ mod tests {
             delay_variance_s2: 0.0,
         };
         ChannelEstimate {
+            work: 0,
             paths: paths.iter().map(path).collect(),
             noise,
             dense: DenseMultipath::default(),

@@ -19,10 +19,11 @@ use super::{ChannelEstimator, Path, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 use cogmint_core::perceptor::channel_estimator::complex::{
-    DOUBTFUL, FIRST_REFINEMENTS, LEAST_PRIOR, MOST_WORK, PASSES, REACH_PULSES, REFINEMENTS, RIDGE,
-    SCALLOPING, SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
+    DOUBTFUL, FIRST_REFINEMENTS, LEAST_PRIOR, PASSES, REACH_PULSES, REFINEMENTS, RIDGE, SCALLOPING,
+    SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
 };
 use cogmint_core::perceptor::channel_estimator::noise::COMPLEX_CUT;
+use cogmint_core::perceptor::channel_estimator::work::{INVERSE, MOST_WORK, MOVE, REACHED, SAMPLE};
 use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
 
 /// A path in the making.
@@ -57,7 +58,7 @@ struct Fit<'a, T> {
     posterior: Matrix<T>,
     /// kappa of further components.
     threshold: T,
-    /// Units of work done: see [`MOST_WORK`].
+    /// Cost so far: see [`MOST_WORK`].
     work: u32,
 }
 
@@ -122,11 +123,7 @@ pub(super) fn estimate<T: Real>(
         let full = fit.components.len() == estimator.most_paths;
         if !refined && (full || candidate.is_none_or(|candidate| candidate.gain < sure)) {
             refined = true;
-            for _ in 0..REFINEMENTS {
-                fit.fit_noise();
-            }
-            fit.set_levels();
-            fit.settle();
+            fit.refine();
             candidate = fit.strongest();
         }
         let Some(candidate) = candidate else { break };
@@ -135,6 +132,9 @@ pub(super) fn estimate<T: Real>(
         }
         fit.add(candidate);
         fit.move_until_still();
+    }
+    if !refined {
+        fit.refine();
     }
     fit.finish(first_sample_delay_s)
 }
@@ -148,6 +148,23 @@ impl<T: Real> Fit<'_, T> {
             }
             self.settle();
         }
+    }
+
+    /// The level beside what was found, and that in it.
+    fn refine(&mut self) {
+        for _ in 0..REFINEMENTS {
+            self.fit_noise();
+        }
+        self.set_levels();
+        self.settle();
+    }
+
+    /// Counts a pass over the samples: 0 fits the level, 1 looks for a path.
+    fn count_pass(&mut self, kind: usize) {
+        let samples = self.samples.len();
+        let each = self.estimator.pulse_samples().min(samples);
+        let reached = self.components.len() * each;
+        self.work += SAMPLE[kind] * samples as u32 + REACHED[kind] * reached as u32;
     }
 
     /// A value at `position` less all components but one. Order: component by component.
@@ -177,6 +194,7 @@ impl<T: Real> Fit<'_, T> {
 
     /// Fits the noise to the residual, but for the surroundings of strong paths.
     fn fit_noise(&mut self) {
+        self.count_pass(0);
         let skip = T::of(SKIP_PULSES) * self.estimator.table.samples_per_pulse();
         let residual = self.residual_powers();
         let mut powers = Vec::new();
@@ -234,7 +252,8 @@ impl<T: Real> Fit<'_, T> {
     }
 
     /// The path of largest gain, if it exceeds kappa.
-    fn strongest(&self) -> Option<Component<T>> {
+    fn strongest(&mut self) -> Option<Component<T>> {
+        self.count_pass(1);
         let num = T::of;
         let spacing = self.estimator.sample_spacing_s;
         let residual = self.residual_powers();
@@ -314,10 +333,10 @@ impl<T: Real> Fit<'_, T> {
             }
             self.components[k].moving = false;
             any = true;
-            let units = self.reached(k).len() as u32;
+            let cost = MOVE[0] + MOVE[1] * self.reached(k).len() as u32;
             let mut furthest = T::ZERO;
             for _ in 0..2 {
-                self.work += units;
+                self.work += cost;
                 let present = self.components[k].position;
                 let here = power(self.subtract(self.components[k].matched, present, Some(k)));
                 let left = power(self.without_others(k, present - step));
@@ -387,7 +406,7 @@ impl<T: Real> Fit<'_, T> {
         // Components in a row that reach each other are inverted together.
         let support = self.estimator.table.support_samples();
         for row in self.components.chunk_by(|a, b| b.position - a.position < support) {
-            self.work += (row.len().pow(3) / 16) as u32;
+            self.work += INVERSE * row.len().pow(3) as u32;
         }
         self.posterior = inverse(&self.gram(|component| T::ONE / component.prior));
         for k in 0..self.components.len() {

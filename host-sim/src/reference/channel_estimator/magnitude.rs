@@ -17,6 +17,7 @@ use cogmint_core::perceptor::channel_estimator::magnitude::{
     EXPLAINED, FIRST_REFINEMENTS, OWN_PULSES, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
 };
 use cogmint_core::perceptor::channel_estimator::noise::MAGNITUDE_CUT;
+use cogmint_core::perceptor::channel_estimator::work::{FIT, MAXIMUM, MOST_WORK, REACHED, SAMPLE};
 
 #[derive(Clone, Copy, Debug)]
 struct Peak<T> {
@@ -52,7 +53,13 @@ pub(super) fn estimate<T: Real>(
     if let Some([n, _]) = start {
         peaks.extend(fit(estimator, samples, &noise, &peaks, None, n));
     }
+    let mut work = 0;
+    let level_cost = |peaks: &[Peak<T>]| {
+        let reached = peaks.len() * estimator.pulse_samples().min(samples.len());
+        SAMPLE[0] * samples.len() as u32 + REACHED[0] * reached as u32
+    };
     for _ in 0..FIRST_REFINEMENTS {
+        work += level_cost(&peaks);
         noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
     }
     if let Some([_, ahead]) = begins {
@@ -63,16 +70,22 @@ pub(super) fn estimate<T: Real>(
         }
     }
     if start.is_some() {
-        refit(estimator, samples, &noise, &mut peaks);
+        work += refit(estimator, samples, &noise, &mut peaks);
     }
     for round in 0..estimator.most_paths + SPARE_ROUNDS {
         if round > 0 || start.is_some() {
             for _ in 0..REFINEMENTS {
+                work += level_cost(&peaks);
                 noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
             }
-            refit(estimator, samples, &noise, &mut peaks);
+            work += refit(estimator, samples, &noise, &mut peaks);
         }
-        let Some(peak) = strongest_peak(estimator, samples, &noise, &peaks, kappa) else { break };
+        if work >= MOST_WORK {
+            break;
+        }
+        let (peak, cost) = strongest_peak(estimator, samples, &noise, &peaks, kappa);
+        work += cost;
+        let Some(peak) = peak else { break };
         if peaks.len() == estimator.most_paths {
             break;
         }
@@ -107,8 +120,10 @@ fn strongest_peak<T: Real>(
     noise: &NoiseLevel<T>,
     peaks: &[Peak<T>],
     kappa: T,
-) -> Option<Peak<T>> {
+) -> (Option<Peak<T>>, u32) {
     let num = T::of;
+    let mut cost = 0;
+    let beside = |[once, each]: [u32; 2]| once + each * peaks.len() as u32;
     let share = num(SCALLOPING) * square(estimator.table.at(num(0.5)));
     let mut floor = share * kappa;
     let mut best: Option<Peak<T>> = None;
@@ -120,10 +135,12 @@ fn strongest_peak<T: Real>(
         if !is_maximum || peaks.iter().any(near) {
             continue;
         }
+        cost += beside(MAXIMUM);
         let energy = square(unexplained(estimator, peaks, None, at, samples[n]));
         if energy <= floor * noise.white || energy <= floor * noise.at(at, estimator.sample_spacing_s) {
             continue;
         }
+        cost += beside(FIT);
         let Some(peak) = fit(estimator, samples, noise, peaks, None, n) else { continue };
         // Order: the first of equals.
         if peak.gain > kappa && best.is_none_or(|best| peak.gain > best.gain) {
@@ -131,7 +148,7 @@ fn strongest_peak<T: Real>(
             best = Some(peak);
         }
     }
-    best
+    (best, cost)
 }
 
 /// A magnitude less what all peaks but one may have added.
@@ -157,7 +174,8 @@ fn refit<T: Real>(
     samples: &[T],
     noise: &NoiseLevel<T>,
     peaks: &mut Vec<Peak<T>>,
-) {
+) -> u32 {
+    let cost = peaks.len() as u32 * (FIT[0] + FIT[1] * peaks.len() as u32);
     for k in 0..peaks.len() {
         if let Some(peak) = fit(estimator, samples, noise, peaks, Some(k), peaks[k].sample) {
             peaks[k] = Peak { threshold: peaks[k].threshold, ..peak };
@@ -173,6 +191,7 @@ fn refit<T: Real>(
     if let Some(weakest) = weakest {
         peaks.remove(weakest);
     }
+    cost
 }
 
 /// The pulse around a maximum; none where the frame cuts it off.

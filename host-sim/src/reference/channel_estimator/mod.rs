@@ -109,6 +109,11 @@ impl<T: Real> ChannelEstimator<T> {
         }
     }
 
+    /// Samples that a path reaches in a long frame.
+    fn pulse_samples(&self) -> usize {
+        (T::of(2.0) * self.table.support_samples()).whole() as usize
+    }
+
     /// kappa, of complex frames or of magnitudes.
     pub fn threshold(&self, samples: &Samples<'_>) -> T {
         match samples {
