@@ -14,7 +14,7 @@ use crate::model::image::Sequence;
 use crate::model::source::Source;
 use crate::perceptor::association::outcome::AssociatedScan;
 use crate::perceptor::expectation::Sighting;
-use crate::real::smaller;
+use crate::real::{is_probability, smaller};
 use crate::snapshot::stored;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
@@ -425,6 +425,39 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         self.insert_surface(surface, TOLD, Origin::Discovered);
         self.insert(slot, anchor, Sequence::of(surface as u8), 1);
         Admission::Entered { slot, surface, replaced }
+    }
+
+    /// Whether all entries are what they may be, of so many anchors, where the state filter has these surfaces.
+    pub(crate) fn is_sound(&self, anchors: usize, has_surface: impl Fn(usize) -> bool) -> bool {
+        let agrees =
+            |(slot, surface): (usize, &Option<SurfaceRecord>)| surface.is_some() == has_surface(slot);
+        self.surfaces.iter().enumerate().all(agrees)
+            && self.surfaces.iter().flatten().all(|surface| is_probability(surface.existence))
+            && self.sources.iter().flatten().all(|record| self.is_seen(record, anchors))
+    }
+
+    fn is_seen(&self, record: &Record, anchors: usize) -> bool {
+        record.anchor < anchors && record.sequence.surfaces().all(|slot| self.surface(slot).is_some())
+    }
+
+    /// Takes out what is not sound: sources of no anchor or no surface, surfaces that the state filter has not, or that no source is
+    /// seen in; a surface whose existence is no probability exists as one that was told.
+    pub(crate) fn mend(&mut self, anchors: usize, has_surface: impl Fn(usize) -> bool) {
+        for (slot, place) in self.surfaces.iter_mut().enumerate() {
+            if !has_surface(slot) {
+                *place = None;
+            }
+            if let Some(surface) = place
+                && !is_probability(surface.existence)
+            {
+                surface.existence = TOLD;
+            }
+        }
+        for slot in 0..SOURCES {
+            if !self.get(slot).is_none_or(|record| self.is_seen(record, anchors)) {
+                self.remove(slot);
+            }
+        }
     }
 
     /// The first free slots of sources and surfaces.

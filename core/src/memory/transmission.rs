@@ -63,6 +63,12 @@ impl<const SEGMENTS: usize> TransmissionMemory<SEGMENTS> {
         }
     }
 
+    /// Whether finite numbers are what they may be.
+    pub(crate) fn is_sound(&self) -> bool {
+        let is_share = |looks: &Looks| looks.found_s >= 0.0 && looks.found_s <= 1.001 * looks.looked_s + 1e-3;
+        core::iter::once(&self.clear).chain(&self.walls).all(is_share)
+    }
+
     /// Every number of so many walls, in a fixed order, for traces.
     pub fn visit(&self, walls: usize, mut f: impl FnMut(f32)) {
         for Looks { found_s, looked_s } in core::iter::once(&self.clear).chain(self.walls.iter().take(walls))

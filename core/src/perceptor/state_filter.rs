@@ -138,6 +138,46 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
     }
 
+    /// Whether finite numbers are what they may be: what it was told is that, variances are neither negative nor beyond their limits,
+    /// and no covariance is far beyond what its variances allow.
+    pub(crate) fn is_sound(&self, motion: &Motion, reach_m: f32, bias_std_m: f32) -> bool {
+        let Covariance { xx, xb, bb, xs, bs, ss } = &self.covariance;
+        let is_told = self.motion == *motion
+            && self.reach_m == reach_m
+            && self.bias_limit_m2 == bias_std_m * bias_std_m
+            && self.estimate_bias == (bias_std_m > 0.0);
+        let agent_m2 = [xx.m11, xx.m22, xx.m33, xx.m44];
+        let is_variance = |variance: f32| variance >= 0.0;
+        // Twice as much as is possible leaves room for rounding.
+        let may_be = |c: f32, a: f32, b: f32| c * c <= 4.0 * (a * b) + f32::MIN_POSITIVE;
+        let mut is_sound = is_told && agent_m2.into_iter().all(is_variance);
+        for (column, a) in xx.column_iter().zip(agent_m2) {
+            is_sound &= column.iter().zip(agent_m2).all(|(c, b)| may_be(*c, a, b));
+        }
+        let mut biases_m2 = [0.0; ANCHORS];
+        for (anchor, (variance_m2, row)) in biases_m2.iter_mut().zip(bb).enumerate() {
+            *variance_m2 = row.get(anchor).copied().unwrap_or(0.0);
+        }
+        for ((own_m2, row), cross) in biases_m2.iter().zip(bb).zip(xb) {
+            is_sound &= is_variance(*own_m2)
+                && row.iter().zip(&biases_m2).all(|(c, other)| may_be(*c, *own_m2, *other))
+                && cross.iter().zip(agent_m2).all(|(c, other)| may_be(*c, *own_m2, other));
+        }
+        for ((([first, second], xs), bs), surface) in ss.variances().zip(xs).zip(bs).zip(&self.surfaces) {
+            if surface.is_none() {
+                continue;
+            }
+            is_sound &= is_variance(*first) && is_variance(*second);
+            for (column, own) in xs.column_iter().zip([*first, *second]) {
+                is_sound &= column.iter().zip(agent_m2).all(|(c, other)| may_be(*c, own, other));
+            }
+            for (c, other) in bs.iter().zip(&biases_m2) {
+                is_sound &= may_be(c.x, *first, *other) && may_be(c.y, *second, *other);
+            }
+        }
+        is_sound
+    }
+
     /// Position of the tag, metres.
     pub fn position_m(&self) -> [f32; 2] {
         [self.mean.agent.x, self.mean.agent.y]

@@ -13,14 +13,17 @@
 //!
 //! What the tracker was told is not in it: firmware has it in flash, and starts the tracker with it. A snapshot of a tracker that was told
 //! anything else is refused, as is one that is torn, cut short or flipped anywhere; nothing has changed then. Every type codes its own
-//! fields (`Stored`), all of them: a field that is added and not coded does not compile.
+//! fields (`Stored`), all of them: a field that is added and not coded does not compile. By the same code state is sealed (`seal`): a bit
+//! that flips in it between two cycles is found.
 
+mod seal;
 mod stored;
 
 use crate::trace::TraceHash;
 use core::fmt;
 
-pub(crate) use stored::{Blank, Stored, Written, stored, written};
+pub(crate) use seal::{Sealed, seal, seal_with};
+pub(crate) use stored::{Blank, Stored, Told, Written, stored, written};
 
 /// Guard: against snapshots of another layout, which are refused: counts the versions of the format.
 pub const VERSION: u32 = 1;
@@ -70,9 +73,27 @@ impl fmt::Display for SnapshotError {
 
 impl core::error::Error for SnapshotError {}
 
-/// Where state goes, byte by byte.
+/// Where state goes, byte by byte; or by larger pieces, where that is faster.
 pub(crate) trait Sink {
     fn byte(&mut self, byte: u8);
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.byte(*byte));
+    }
+
+    fn word(&mut self, word: u32) {
+        self.bytes(&word.to_le_bytes());
+    }
+
+    fn float(&mut self, value: f32) {
+        self.word(value.to_bits());
+    }
+
+    /// A list of so many entries begins, of which its memory has room for `room`; whether they are to follow.
+    fn list(&mut self, count: usize, _room: usize) -> bool {
+        self.bytes(&(count as u16).to_le_bytes());
+        true
+    }
 }
 
 /// The digest of what is told.

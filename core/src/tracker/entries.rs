@@ -1,5 +1,6 @@
 //! The ways in: construction, a whole cycle at once, and a cycle by its observations.
 
+use super::integrity::Seals;
 use super::start::{enter_heading, enter_plan, enter_virtual_anchors};
 use super::{Begun, Tracker};
 use crate::config::Config;
@@ -21,7 +22,7 @@ use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
 use crate::real::abs;
-use crate::report::CycleReport;
+use crate::report::{CycleReport, Integrity};
 use heapless::Vec;
 
 impl<
@@ -122,6 +123,7 @@ impl<
             lever_arm_m: [0.0; 2],
             begun: None,
             scans: Vec::new(),
+            seals: Seals::NONE,
         })
     }
 
@@ -161,6 +163,7 @@ impl<
             }
         });
         *digest = map.digest();
+        self.seals = Seals::of_told(self.seal_told());
         Ok(())
     }
 
@@ -235,7 +238,11 @@ impl<
     /// # Errors
     /// Bad input, or [`Error::AlreadyBegun`]; nothing has changed then.
     pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
-        self.begun = Some(self.check_begin(elapsed_s, tag_height)?);
+        let begun = self.check_begin(elapsed_s, tag_height)?;
+        if !self.is_told_intact() {
+            return Err(Error::ToldChanged);
+        }
+        self.begun = Some(Begun { integrity: self.check_seals(), ..begun });
         self.receiver.advance(elapsed_s);
         self.scans.clear();
         Ok(())
@@ -279,7 +286,7 @@ impl<
         if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(Error::TagHeight);
         }
-        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default() })
+        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default(), integrity: Integrity::default() })
     }
 
     /// What the receiver is told of the link to an observation's anchor.

@@ -33,7 +33,9 @@ impl<
         if self.begun.is_some() {
             return Err(SnapshotError::Begun);
         }
-        snapshot::read(self.digest(), self, bytes)
+        snapshot::read(self.digest(), self, bytes)?;
+        self.seals = self.seals.opened();
+        Ok(())
     }
 
     /// Digest of what the tracker was told, actions that it may choose ([`Self::restrict`]) among it, and of its capacities: equal for
@@ -61,6 +63,7 @@ stored!(
         receiver, belief, environment, transmission, discovery, clutter, lateness, channel, controllers, cycle, last_heard,
         lever_arm_m
     }
+    told { config, anchors, plan, library, map }
     // Between two cycles nothing is begun.
-    told { config, anchors, plan, library, map, begun, scans }
+    made { begun, scans, seals }
 );
