@@ -58,7 +58,7 @@ pub fn abs(x: f32) -> f32 {
 
 /// Whether `x` is a probability, but for rounding.
 pub(crate) fn is_probability(x: f32) -> bool {
-    x >= -1e-3 && x <= 1.001
+    (-1e-3..=1.001).contains(&x)
 }
 
 /// `a` where it is greater, else `b` (so `b` on equality and on NaN).

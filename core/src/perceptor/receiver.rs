@@ -13,7 +13,7 @@ use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, smaller};
-use crate::snapshot::{Sealed, seal, stored};
+use crate::snapshot::{Sealed, Written, seal, seal_with, stored};
 use heapless::Vec;
 
 /// What the receiver is told of an anchor's link.
@@ -313,6 +313,17 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     /// Seals what the estimator was made of: it is the same until the pulse changes.
     pub(crate) fn seal_estimator(&self) -> Sealed {
         seal(&self.estimator)
+    }
+
+    /// Seals what is kept from cycle to cycle: what is left of the last frames is not read again.
+    pub(crate) fn seal(&self) -> Sealed {
+        let Self { gain_control, last_sequence, silent_s, threshold, .. } = self;
+        seal_with(|to| {
+            gain_control.write(to);
+            last_sequence.write(to);
+            silent_s.write(to);
+            threshold.write(to);
+        })
     }
 
     /// Makes the estimator anew, for this pulse.

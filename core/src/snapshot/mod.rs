@@ -89,6 +89,10 @@ pub(crate) trait Sink {
         self.word(value.to_bits());
     }
 
+    fn floats(&mut self, values: &[f32]) {
+        values.iter().for_each(|value| self.float(*value));
+    }
+
     /// A list of so many entries begins, of which its memory has room for `room`; whether they are to follow.
     fn list(&mut self, count: usize, _room: usize) -> bool {
         self.bytes(&(count as u16).to_le_bytes());

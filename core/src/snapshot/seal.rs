@@ -30,6 +30,19 @@ pub(crate) struct Seal {
     fits: bool,
 }
 
+/// The sum with a word more.
+#[inline(always)]
+fn with(sum: u32, word: u32) -> u32 {
+    (sum.rotate_left(5) ^ word).wrapping_mul(SPREAD)
+}
+
+/// 0 for a number, not a number for what is infinite or none.
+#[inline(always)]
+#[allow(clippy::eq_op)] // infinity less itself is not a number
+fn nothing(value: f32) -> f32 {
+    value - value
+}
+
 impl Sink for Seal {
     fn byte(&mut self, byte: u8) {
         self.word(u32::from(byte));
@@ -43,14 +56,24 @@ impl Sink for Seal {
 
     #[inline(always)]
     fn word(&mut self, word: u32) {
-        self.sum = (self.sum.rotate_left(5) ^ word).wrapping_mul(SPREAD);
+        self.sum = with(self.sum, word);
     }
 
     #[inline(always)]
     fn float(&mut self, value: f32) {
         self.word(value.to_bits());
-        // Infinity less itself is not a number.
-        self.finite += value - value;
+        self.finite += nothing(value);
+    }
+
+    // Most of the state: in registers.
+    #[inline(never)]
+    fn floats(&mut self, values: &[f32]) {
+        let (mut sum, mut finite) = (self.sum, self.finite);
+        for value in values {
+            sum = with(sum, value.to_bits());
+            finite += nothing(*value);
+        }
+        (self.sum, self.finite) = (sum, finite);
     }
 
     fn list(&mut self, count: usize, room: usize) -> bool {

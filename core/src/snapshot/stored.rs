@@ -69,6 +69,10 @@ impl Written for f32 {
     fn write(&self, to: &mut impl Sink) {
         to.float(*self);
     }
+
+    fn write_all(all: &[Self], to: &mut impl Sink) {
+        to.floats(all);
+    }
 }
 
 macro_rules! numbers {
@@ -144,6 +148,10 @@ impl Blank for bool {
 impl<T: Written, const N: usize> Written for [T; N] {
     fn write(&self, to: &mut impl Sink) {
         T::write_all(self, to);
+    }
+
+    fn write_all(all: &[Self], to: &mut impl Sink) {
+        T::write_all(all.as_flattened(), to);
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! At the end of a cycle every part of the state is swept (numbers finite, variances positive, probabilities within 0 to 1, indices of
 //! something there is, lists within their memory) and sealed; a part that is broken is reset to what it is after the start. Before the
-//! next cycle the seals are compared. A part whose seal is another is reported; where it is broken as well, it is reset before anything is
+//! next cycle the seals are compared. The leading component of the belief, receiver and environment are swept and sealed in every
+//! cycle; each other component, the other memories, controllers and the estimator's tables have their turn in one of eight. A part whose seal is another is reported; where it is broken as well, it is reset before anything is
 //! made of it. The belief has a seal for each component, and what flipped is replaced whenever another piece has the same.
 //!
 //! What was told (configuration, anchors, plan, actions) never changes and has a seal of its own: with that broken, no cycle is begun.
@@ -24,6 +25,8 @@ use crate::snapshot::{Sealed, Told, Written, seal, seal_with};
 
 /// Capacity: parts with one seal each: all but the belief.
 const PARTS: usize = Part::ALL.len() - 1;
+/// Capacity: cycles in which it is the turn once of each part that is not sealed in every cycle, so that the seals take less than a hundredth of a cycle.
+const TURN: u32 = 8;
 
 /// The seals of all state.
 #[derive(Clone, Copy, Debug)]
@@ -33,14 +36,14 @@ pub(super) struct Seals<const COMPONENTS: usize> {
     /// Whether the rest was sealed since the state was last changed from outside.
     is_made: bool,
     belief: BeliefSeals<COMPONENTS>,
-    /// In the order of [`Part`].
-    parts: [Sealed; PARTS],
+    /// In the order of [`Part`]; of those whose turn it was.
+    parts: [Option<Sealed>; PARTS],
 }
 
 impl<const COMPONENTS: usize> Seals<COMPONENTS> {
     /// None is made yet.
     pub(super) const NONE: Self =
-        Self { told: 0, is_made: false, belief: BeliefSeals::NONE, parts: [Sealed::NOTHING; PARTS] };
+        Self { told: 0, is_made: false, belief: BeliefSeals::NONE, parts: [None; PARTS] };
 
     /// State was changed from outside: it is swept before the next cycle, not compared.
     pub(super) fn opened(self) -> Self {
@@ -85,25 +88,40 @@ impl<
         self.seals.told == self.seal_told()
     }
 
+    /// Seals a part other than the belief.
     #[inline(never)]
-    fn seal(&self) -> Seals<COMPONENTS> {
-        let Self { receiver, environment, transmission, discovery, clutter, lateness, channel, .. } = self;
-        let parts = [
-            receiver.seal_estimator(),
-            seal(receiver),
-            seal(environment),
-            seal(transmission),
-            seal(discovery),
-            seal(clutter),
-            seal(lateness),
-            seal(channel),
-            seal(&self.controllers),
-            seal_with(|to| {
+    fn seal_of(&self, part: Part) -> Sealed {
+        match part {
+            Part::Belief => Sealed::NOTHING,
+            Part::Estimator => self.receiver.seal_estimator(),
+            Part::Receiver => self.receiver.seal(),
+            Part::Environment => seal(&self.environment),
+            Part::Transmission => seal(&self.transmission),
+            Part::Discovery => seal(&self.discovery),
+            Part::Clutter => seal(&self.clutter),
+            Part::Lateness => seal(&self.lateness),
+            Part::Channel => seal(&self.channel),
+            Part::Controllers => seal(&self.controllers),
+            Part::Cycle => seal_with(|to| {
                 self.cycle.write(to);
                 self.last_heard.write(to);
             }),
-        ];
-        Seals { told: self.seals.told, is_made: true, belief: self.belief.seals(), parts }
+        }
+    }
+
+    /// Whether a part is sealed at the end of this cycle.
+    fn is_due(&self, part: Part) -> bool {
+        let turn = self.cycle % TURN;
+        match part {
+            Part::Belief | Part::Receiver | Part::Environment | Part::Cycle => true,
+            Part::Transmission => turn == 0,
+            Part::Estimator => turn == 1,
+            Part::Clutter => turn == 2,
+            Part::Discovery => turn == 3,
+            Part::Lateness => turn == 4,
+            Part::Controllers => turn == 5,
+            Part::Channel => turn == 6,
+        }
     }
 
     /// Whether a part whose numbers are finite is what it may be.
@@ -136,15 +154,16 @@ impl<
         if !self.seals.is_made {
             return self.sweep();
         }
-        let seals = self.seal();
         let mut integrity = Integrity::default();
-        let broken = self.belief.broken(&seals.belief, Some(&self.seals.belief), |_| true);
+        let last = &self.seals.belief;
+        let seals = self.belief.seals(|component| last.has(component));
+        let broken = self.belief.broken(&seals, Some(last), |_| true);
         if broken.is_any() {
             integrity.flipped.add(Part::Belief);
         }
-        for (part, (own, last)) in
-            Part::ALL.into_iter().skip(1).zip(seals.parts.iter().zip(&self.seals.parts))
-        {
+        for (part, last) in Part::ALL.into_iter().skip(1).zip(self.seals.parts) {
+            let Some(last) = last else { continue };
+            let own = self.seal_of(part);
             if own == last {
                 continue;
             }
@@ -163,19 +182,33 @@ impl<
     /// Sweeps the state, mends what is broken, and seals it. To be called at the end of a cycle.
     #[inline(never)]
     pub(super) fn sweep(&mut self) -> Integrity {
-        let mut seals = self.seal();
         let mut integrity = Integrity::default();
-        let broken = self.belief.broken(&seals.belief, None, |filter| self.is_filter_sound(filter));
-        for (part, own) in Part::ALL.into_iter().skip(1).zip(&seals.parts) {
+        let is_first = !self.seals.is_made;
+        self.seals.is_made = true;
+        let turn = (self.cycle % TURN) as usize;
+        let is_component_due = |component: usize| is_first || component % TURN as usize == turn;
+        self.seals.belief = self.belief.seals(is_component_due);
+        let broken = self.belief.broken(&self.seals.belief, None, |filter| self.is_filter_sound(filter));
+        let mut parts = [None; PARTS];
+        for (part, place) in Part::ALL.into_iter().skip(1).zip(&mut parts) {
+            if !is_first && !self.is_due(part) {
+                continue;
+            }
+            let own = self.seal_of(part);
+            *place = Some(own);
             if !own.is_whole || !self.is_sound(part) {
                 integrity.reset.add(part);
             }
         }
+        self.seals.parts = parts;
         if broken.is_any() || !integrity.is_intact() {
             self.mend(&broken, &mut integrity);
-            seals = self.seal();
+            self.seals.belief = self.belief.seals(|_| true);
+            for (part, place) in Part::ALL.into_iter().skip(1).zip(&mut parts) {
+                *place = Some(self.seal_of(part));
+            }
+            self.seals.parts = parts;
         }
-        self.seals = seals;
         integrity
     }
 

@@ -18,14 +18,19 @@ use nalgebra::{Matrix4, Vector4};
 pub(crate) struct BeliefSeals<const COMPONENTS: usize> {
     common: Sealed,
     trusted: Sealed,
-    /// Of components that there are not, that of nothing.
-    components: [Sealed; COMPONENTS],
+    /// Of those that were sealed.
+    components: [Option<Sealed>; COMPONENTS],
 }
 
 impl<const COMPONENTS: usize> BeliefSeals<COMPONENTS> {
+    /// Whether a component was sealed.
+    pub(crate) fn has(&self, component: usize) -> bool {
+        self.components.get(component).is_some_and(Option::is_some)
+    }
+
     /// Of a belief that was not sealed yet.
     pub(crate) const NONE: Self =
-        Self { common: Sealed::NOTHING, trusted: Sealed::NOTHING, components: [Sealed::NOTHING; COMPONENTS] };
+        Self { common: Sealed::NOTHING, trusted: Sealed::NOTHING, components: [None; COMPONENTS] };
 }
 
 /// The pieces of a belief that are broken.
@@ -46,9 +51,9 @@ impl<const COMPONENTS: usize> BrokenBelief<COMPONENTS> {
 impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     TagBelief<ANCHORS, SURFACES, COMPONENTS>
 {
-    /// Seals it.
+    /// Seals it: the leader, and of the other components those that are `due`.
     #[inline(never)]
-    pub(crate) fn seals(&self) -> BeliefSeals<COMPONENTS> {
+    pub(crate) fn seals(&self, due: impl Fn(usize) -> bool) -> BeliefSeals<COMPONENTS> {
         let common = seal_with(|to| {
             let is_whole = crate::snapshot::Sink::list(to, self.components.len(), COMPONENTS);
             (is_whole, self.slots, self.leader, self.heard).write(to);
@@ -57,9 +62,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             [self.anywhere_nat, self.explained].write(to);
             self.is_doubtful.write(to);
         });
-        let mut components = [Sealed::NOTHING; COMPONENTS];
-        for (sealed, component) in components.iter_mut().zip(&self.components) {
-            *sealed = seal(component);
+        let mut components = [None; COMPONENTS];
+        for (index, (sealed, component)) in components.iter_mut().zip(&self.components).enumerate() {
+            if index == self.leader || due(index) {
+                *sealed = Some(seal(component));
+            }
         }
         BeliefSeals { common, trusted: seal(&self.trusted), components }
     }
@@ -78,10 +85,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         if let Some(last) = last {
             broken.common = seals.common != last.common;
             broken.trusted = seals.trusted != last.trusted;
-            for (broken, (own, last)) in
+            for (is_broken, (own, last)) in
                 broken.components.iter_mut().zip(seals.components.iter().zip(&last.components))
             {
-                *broken = own != last;
+                // Where it is not known how many there are, those that were not sealed may be none.
+                *is_broken = if last.is_some() { own != last } else { broken.common };
             }
             return broken;
         }
@@ -95,6 +103,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         for (broken, (own, component)) in
             broken.components.iter_mut().zip(seals.components.iter().zip(&self.components))
         {
+            let Some(own) = own else { continue };
             *broken = !own.is_whole
                 || !is_weight(component.weight_nat)
                 || !component.outages.is_sound()
