@@ -76,3 +76,4 @@ pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
 pub use report::{CycleReport, Integrity, Part, Parts, WallEstimate};
 pub use snapshot::SnapshotError;
 pub use tracker::Tracker;
+pub use tracker::map::MapRestored;

@@ -7,6 +7,7 @@
 mod entries;
 mod integrity;
 pub mod joining;
+pub mod map;
 mod stages;
 mod start;
 mod state;

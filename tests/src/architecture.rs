@@ -60,7 +60,7 @@ const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
 /// What the crate's root exports again: no block may take the whole by that way.
 const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
 /// What may change the whole tracker: the ways in, and the sweep of all state, which mends what is broken.
-const ENTRIES: [&str; 17] = [
+const ENTRIES: [&str; 18] = [
     "begin",
     "check_seals",
     "cycle",
@@ -73,6 +73,7 @@ const ENTRIES: [&str; 17] = [
     "receive",
     "receive_observed",
     "restore",
+    "restore_map",
     "restrict",
     "sweep",
     "switch_antenna",

@@ -172,6 +172,35 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         }
     }
 
+    /// Sets the probability that a surface exists, from a stored map.
+    pub(crate) fn set_existence(&mut self, slot: usize, existence: f32) {
+        if let Some(Some(surface)) = self.surfaces.get_mut(slot) {
+            surface.existence = smaller(existence, MOST_CERTAIN);
+        }
+    }
+
+    /// Takes out a surface that nothing is seen in.
+    pub(crate) fn remove_surface(&mut self, slot: usize) {
+        if let Some(surface) = self.surfaces.get_mut(slot) {
+            *surface = None;
+        }
+    }
+
+    /// Takes all sources out, surfaces stay.
+    pub(crate) fn take_sources(&mut self) -> [Option<Record>; SOURCES] {
+        core::mem::replace(&mut self.sources, [None; SOURCES])
+    }
+
+    /// Enters a source in the first free slot where it is not there yet; false where there is no room.
+    pub(crate) fn enter(&mut self, anchor: usize, sequence: Sequence, hits: u32) -> bool {
+        if self.iter().any(|(_, record)| record.anchor == anchor && record.sequence == sequence) {
+            return true;
+        }
+        let Some(slot) = self.free_slot() else { return false };
+        self.insert(slot, anchor, sequence, hits);
+        true
+    }
+
     /// Fills a free slot with a source seen `hits` times so far; does nothing where it is taken or does not exist.
     pub fn insert(&mut self, slot: usize, anchor: usize, sequence: Sequence, hits: u32) {
         if let Some(place @ None) = self.sources.get_mut(slot) {

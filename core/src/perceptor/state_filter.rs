@@ -300,6 +300,22 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         self.insert(slot, surface, state, Matrix2::new(first * first, 0.0, 0.0, second * second))
     }
 
+    /// Puts a surface where it was in a stored map, whatever was there.
+    pub(crate) fn restore(&mut self, slot: usize, surface: Surface, state: Vector2<f32>, own: Matrix2<f32>) {
+        self.remove(slot);
+        self.insert(slot, surface, state, own);
+    }
+
+    /// Block of C_ss between two surfaces; 0 where there are none.
+    pub(crate) fn block(&self, k: usize, l: usize) -> Matrix2<f32> {
+        self.covariance.ss.get(k, l).unwrap_or(Matrix2::new(0.0, 0.0, 0.0, 0.0))
+    }
+
+    /// Sets that block between two surfaces of a stored map.
+    pub(crate) fn restore_block(&mut self, k: usize, l: usize, block: &Matrix2<f32>) {
+        self.covariance.ss.set(k, l, block);
+    }
+
     /// Adds a private surface located relative to the tag's position p: its deviation is `gain` (p - E p) plus an error
     /// of covariance `own`. Hence C_ss = G C_pp G' + C_own and C_s* = G C_p* for every other state.
     pub fn insert_relative(
@@ -1132,14 +1148,13 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         self.mean.bias_m.iter().for_each(|v| f(*v));
         self.mean.surfaces.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
         for surface in &self.surfaces {
-            let kind = match surface {
-                None => 0.0,
-                Some(Surface::Private) => 1.0,
-                Some(Surface::Heading { .. }) => 3.0,
-                Some(Surface::Wall(line)) => {
-                    line.centre_m.iter().chain(&line.normal).for_each(|v| f(*v));
-                    2.0
-                }
+            let kind = if let Some(Surface::Wall(line)) = surface {
+                line.centre_m.iter().chain(&line.normal).for_each(|v| f(*v));
+                2.0
+            } else if let Some(Surface::Heading { .. }) = surface {
+                3.0
+            } else {
+                f32::from(u8::from(surface.is_some()))
             };
             f(kind);
         }

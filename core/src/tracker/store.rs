@@ -1,7 +1,7 @@
 //! A tracker's state as bytes: see [`crate::snapshot`].
 
 use super::Tracker;
-use crate::snapshot::{self, Digest, SnapshotError, Written, stored};
+use crate::snapshot::{self, Digest, STATE, SnapshotError, Written, stored};
 
 impl<
     const ANCHORS: usize,
@@ -22,7 +22,7 @@ impl<
         if self.begun.is_some() {
             return Err(SnapshotError::Begun);
         }
-        snapshot::write(self.digest(), self, buffer)
+        snapshot::write(&STATE, self.digest(), self, buffer)
     }
 
     /// Goes on from a snapshot of a tracker that was told the same, with the same bits. What follows it in `bytes` is not looked at.
@@ -33,7 +33,7 @@ impl<
         if self.begun.is_some() {
             return Err(SnapshotError::Begun);
         }
-        snapshot::read(self.digest(), self, bytes)?;
+        snapshot::read(&STATE, self.digest(), self, bytes)?;
         self.seals = self.seals.opened();
         Ok(())
     }

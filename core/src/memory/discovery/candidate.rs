@@ -43,6 +43,11 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
+    /// Whether its list is within its memory.
+    pub fn fits(&self) -> bool {
+        self.hypotheses.len() <= HYPOTHESES
+    }
+
     /// Whether finite numbers are what they may be.
     pub fn is_sound(&self) -> bool {
         is_probability(self.existence)
