@@ -142,7 +142,7 @@ impl Parts {
     }
 }
 
-/// What has become of the state because bits have flipped in memory. Of bits that flipped in what the tracker was told says
+/// What has become of the state because bits have flipped in memory, as far as it was looked at: every part in every cycle, or in one of eight. Of bits that flipped in what the tracker was told says
 /// [`crate::Error::ToldChanged`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

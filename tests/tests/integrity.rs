@@ -35,7 +35,8 @@ fn the_child_of_the_campaign() {
 }
 
 /// A thousand flips, or as many as are told: `COGMINT_FLIPS=10000 cargo test --release -p cogmint-tests --test integrity -- --nocapture
-/// campaign`. With `RUSTFLAGS="--cfg cogmint_unswept"` the core looks at nothing, and the campaign must show what comes of that.
+/// campaign`. With `COGMINT_WORDS=1` all bits of a word become ones. With `RUSTFLAGS="--cfg cogmint_unswept"` as well, the core looks at
+/// nothing, and the campaign must show what comes of that.
 #[test]
 fn a_campaign_of_bits_that_flip_in_memory() {
     let told = std::env::var("COGMINT_FLIPS").ok();

@@ -18,6 +18,8 @@ use std::time::Duration;
 
 /// Says to the child which flips it makes: the first and the one after the last.
 const CHILD: &str = "COGMINT_FLIPS_OF_CHILD";
+/// Where it is set, all bits of a word become ones in place of one that flips: a number becomes none.
+pub const WORDS: &str = "COGMINT_WORDS";
 /// Cycles at whose end bits flip.
 const FIRST: usize = 15;
 const LAST: usize = 60;
@@ -125,13 +127,16 @@ fn part_of(tracker: &TargetTracker, byte: usize) -> &'static str {
     }
 }
 
-/// Flips a bit of a value.
-fn flip<T>(value: &mut T, bit: usize) {
-    assert!(bit < 8 * size_of::<T>());
-    let byte = std::ptr::from_mut(value).cast::<u8>().wrapping_add(bit / 8);
-    // SAFETY: the byte lies in the value, which is borrowed mutably. What is flipped may be padding, or make a value that its type has
-    // not: that is what is to be seen, in a process of its own.
-    unsafe { byte.write_volatile(byte.read_volatile() ^ 1 << (bit % 8)) }
+/// Flips a bit of a value; or sets all bits of the word of 32 that it is in.
+fn flip<T>(value: &mut T, bit: usize, is_word: bool) {
+    assert!(bit < 8 * size_of::<T>() && align_of::<T>() >= 4);
+    let first = if is_word { bit / 32 * 4 } else { bit / 8 };
+    for byte in first..first + if is_word { 4 } else { 1 } {
+        let at = std::ptr::from_mut(value).cast::<u8>().wrapping_add(byte);
+        // SAFETY: the byte lies in the value, which is borrowed mutably and as long as whole words. What is changed may be padding, or
+        // make a value that its type has not: that is what is to be seen, in a process of its own.
+        unsafe { at.write_volatile(if is_word { 0xff } else { at.read_volatile() ^ 1 << (bit % 8) }) }
+    }
 }
 
 /// Follows a tracker after a flip. `expected` are the hashes of one in which nothing has flipped.
@@ -203,7 +208,7 @@ pub fn child() {
         let mut tracker = before.clone();
         let bit = random.next_u32() as usize % (8 * size_of::<TargetTracker>());
         println!("\nflip {index} {}", part_of(&tracker, bit / 8));
-        flip(&mut *tracker, bit);
+        flip(&mut *tracker, bit, std::env::var(WORDS).is_ok());
         let outcome = follow(&mut tracker, &recording, *cycle, &hashes);
         let name = OUTCOMES.iter().find(|(own, _)| *own == outcome).unwrap().1;
         println!("\nbecame {name}");
