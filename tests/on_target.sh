@@ -70,6 +70,23 @@ mkdir "$work/availability"
 mkdir "$work/plan"
 cargo run --quiet --locked --release -p cogmint-tests --example full_plan -- "$work/plan/feed.bin" >"$work/plan/host.txt"
 
+# Snapshots: one of the host's goes on here, and one of the target's on the host. With room for the bytes beside the tracker.
+mkdir "$work/snapshots"
+ln -s "$work/feed.bin" "$work/snapshots/feed.bin"
+sed 's/\(RAM.*LENGTH = \).*/\1256K/' memory.x >"$work/memory.x"
+snapshots=(cargo run --quiet --locked --release -p cogmint-tests --example snapshots --
+  "${recording[1]}" "$cycles" "$work/snapshots/host.bin" "$work/snapshots/snapshot.bin")
+tail -n +$((cycles / 2 + 1)) "$work/host.txt" >"$work/snapshots/expected.txt"
+COGMINT_MEMORY=$work/memory.x build_for_target firmware-stub "" snapshots
+run "$work/snapshots" "$images/snapshots"
+grep -v '^snapshot ' "$work/snapshots/target.txt" | cmp - "$work/snapshots/expected.txt"
+"${snapshots[@]}" | cmp - "$work/snapshots/expected.txt"
+cp "$work/snapshots/host.bin" "$work/snapshots/restore.bin"
+run "$work/snapshots" "$images/snapshots"
+cmp "$work/snapshots/target.txt" "$work/snapshots/expected.txt"
+say "a snapshot of the target's goes on on the host, and one of the host's on the target, to the same hash"
+build_for_target firmware-stub
+
 run "$work" "$image"
 run "$work/eight" "$images/estimator"
 run "$work/published" "$images/filter"

@@ -150,6 +150,8 @@ pub enum Error {
     LeverArm,
     /// A SINR told to the channel memory is not finite, or there is not one per action.
     ToldSinr,
+    /// What the tracker was told (configuration, anchors, plan, actions) is not what it was: a bit has flipped in it.
+    ToldChanged,
 }
 
 /// The configuration values that can be out of range.
@@ -282,6 +284,9 @@ impl fmt::Display for Error {
             }
             Error::ToldSinr => {
                 write!(f, "one finite SINR per action must be told, of a source that is there")
+            }
+            Error::ToldChanged => {
+                write!(f, "a bit has flipped in what the tracker was told: it must be started anew")
             }
         }
     }

@@ -73,6 +73,7 @@ pub use config::{Config, Variant};
 pub use error::{Error, Setting};
 pub use model::anchor::{Anchor, MappedVirtualAnchor};
 pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
-pub use report::{CycleReport, WallEstimate};
+pub use report::{CycleReport, Integrity, Part, Parts, WallEstimate};
 pub use snapshot::SnapshotError;
 pub use tracker::Tracker;
+pub use tracker::map::MapRestored;

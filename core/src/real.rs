@@ -56,6 +56,11 @@ pub fn abs(x: f32) -> f32 {
     libm::fabsf(x)
 }
 
+/// Whether `x` is a probability, but for rounding.
+pub(crate) fn is_probability(x: f32) -> bool {
+    (-1e-3..=1.001).contains(&x)
+}
+
 /// `a` where it is greater, else `b` (so `b` on equality and on NaN).
 pub fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

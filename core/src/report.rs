@@ -61,6 +61,109 @@ pub struct CycleReport {
     pub announced_action: Option<usize>,
     /// The next action, carrier and pulse.
     pub next: Action,
+    /// Parts of the state in which bits have flipped.
+    pub integrity: Integrity,
+}
+
+/// Parts of the tracker's state that are checked, and reset, each by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Part {
+    /// Where the tag is, and the states of the surfaces. Broken components are dropped; with the last one the tag is searched for, and
+    /// if no map is left either, the walls are where the plan told.
+    Belief,
+    /// The channel estimator's tables: made anew, nothing is lost.
+    Estimator,
+    /// Gain control, and when anchors were heard.
+    Receiver,
+    /// Which surfaces and sources exist: broken entries are forgotten.
+    Environment,
+    /// What walls let through.
+    Transmission,
+    /// Candidates for virtual anchors.
+    Discovery,
+    /// What belongs to nothing known.
+    Clutter,
+    /// How late ranges are.
+    Lateness,
+    /// SINR of sources and actions.
+    Channel,
+    /// Values of actions and the choice of the next one.
+    Controllers,
+    /// The number of the cycle, and where the tag was last heard.
+    Cycle,
+}
+
+impl Part {
+    /// All of them.
+    pub const ALL: [Self; 11] = [
+        Self::Belief,
+        Self::Estimator,
+        Self::Receiver,
+        Self::Environment,
+        Self::Transmission,
+        Self::Discovery,
+        Self::Clutter,
+        Self::Lateness,
+        Self::Channel,
+        Self::Controllers,
+        Self::Cycle,
+    ];
+}
+
+/// A set of parts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Parts(u16);
+
+impl Parts {
+    /// Whether a part is in it.
+    pub fn has(self, part: Part) -> bool {
+        self.0 & 1 << part as u16 != 0
+    }
+
+    /// Whether none is.
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// One bit for each part, in the order of [`Part`].
+    pub fn bits(self) -> u16 {
+        self.0
+    }
+
+    pub(crate) fn add(&mut self, part: Part) {
+        self.0 |= 1 << part as u16;
+    }
+
+    pub(crate) fn add_all(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}
+
+/// What has become of the state because bits have flipped in memory, as far as it was looked at: every part in every cycle, or in one of eight. Of bits that flipped in what the tracker was told says
+/// [`crate::Error::ToldChanged`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Integrity {
+    /// Parts that were not what they had been at the end of the last cycle. They were used as they are if they are not `reset`: a
+    /// snapshot from before is better.
+    pub flipped: Parts,
+    /// Parts that were reset because numbers were not finite, or not what they may be, or the part was broken otherwise.
+    pub reset: Parts,
+}
+
+impl Integrity {
+    /// Whether nothing has flipped.
+    pub fn is_intact(&self) -> bool {
+        self.flipped.is_empty() && self.reset.is_empty()
+    }
+
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.flipped.add_all(other.flipped);
+        self.reset.add_all(other.reset);
+    }
 }
 
 /// A wall as it is believed to stand.
@@ -102,7 +205,8 @@ impl defmt::Format for CycleReport {
         defmt::write!(
             to,
             "cycle {=u32}: ({=f32}, {=f32}) m with probability {=f32}, variances {=f32}, {=f32} m^2, ({=f32}, {=f32}) m/s; {=u32} of \
-             {=u32} measurements of {=u32} anchors associated; searching {=bool}, lost {=bool}; next action {=usize}",
+             {=u32} measurements of {=u32} anchors associated; searching {=bool}, lost {=bool}; next action {=usize}; \
+             flipped {=u16:b}, reset {=u16:b}",
             self.cycle,
             x,
             y,
@@ -116,7 +220,9 @@ impl defmt::Format for CycleReport {
             self.anchors_heard,
             self.searching,
             self.lost,
-            self.next_action
+            self.next_action,
+            self.integrity.flipped.bits(),
+            self.integrity.reset.bits()
         );
     }
 }

@@ -5,13 +5,16 @@
 //! act.
 
 mod entries;
+mod integrity;
 pub mod joining;
+pub mod map;
 mod stages;
 mod start;
 mod state;
 mod store;
 mod values;
 
+use self::integrity::Seals;
 use self::stages::{
     Explained, Heard, Outcomes, hear, look_beside, look_through, propose_places, reader, remember, revise_map,
 };
@@ -36,7 +39,7 @@ use crate::perceptor::belief::component::{LEAPT, apart};
 use crate::perceptor::belief::{BeliefSettings, TagBelief};
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
 use crate::radio::library::{Action, Library};
-use crate::report::{CycleReport, MapChanges};
+use crate::report::{CycleReport, Integrity, MapChanges};
 use heapless::Vec;
 
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
@@ -55,6 +58,8 @@ pub struct Tracker<
 > {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
+    /// Mean and standard deviation of every anchor's range bias beforehand, metres.
+    range_biases_m: [[f32; 2]; ANCHORS],
     plan: FloorPlan<SEGMENTS>,
     library: Library<ACTIONS>,
 
@@ -79,6 +84,8 @@ pub struct Tracker<
     begun: Option<Begun<ANCHORS>>,
     /// What was received in it.
     scans: Scans<ANCHORS, PATHS>,
+    /// By which bits that flip are found.
+    seals: Seals<COMPONENTS>,
 }
 
 /// A cycle that was begun.
@@ -87,6 +94,7 @@ struct Begun<const ANCHORS: usize> {
     elapsed_s: f32,
     tag_height: Option<TagHeight>,
     delivered: Delivered<ANCHORS>,
+    integrity: Integrity,
 }
 
 impl<
@@ -112,16 +120,25 @@ impl<
     ///
     /// # Errors
     /// [`Error::NotBegun`]; nothing has changed then.
-    // Kept apart, as its stages are, so that each reuses the stack of the one before.
-    #[inline(never)]
     pub fn finish_observed(
         &mut self,
         observer: &mut impl Observer<SOURCES, PATHS>,
     ) -> Result<CycleReport, Error> {
-        let Begun { elapsed_s, tag_height, .. } = self.begun.take().ok_or(Error::NotBegun)?;
+        let mut report = self.finish_unswept(observer)?;
+        report.integrity.add(&self.sweep());
+        observer.stage(Stage::Done);
+        Ok(report)
+    }
+
+    /// [`Self::finish_observed`] without the sweep of the state.
+    // Kept apart, as its stages are, so that each reuses the stack of the one before.
+    #[inline(never)]
+    fn finish_unswept(&mut self, observer: &mut impl Observer<SOURCES, PATHS>) -> Result<CycleReport, Error> {
+        let Begun { elapsed_s, tag_height, integrity, .. } = self.begun.take().ok_or(Error::NotBegun)?;
         let Self {
             config,
             anchors,
+            range_biases_m: _,
             plan,
             library,
             receiver,
@@ -139,6 +156,7 @@ impl<
             lever_arm_m,
             begun: _,
             scans,
+            seals: _,
         } = self;
         let told = Told { config, anchors, library, tag_height, lever_arm_m: *lever_arm_m };
         receiver.complete(scans);
@@ -293,12 +311,12 @@ impl<
                 .get(decision.next)
                 .copied()
                 .unwrap_or(Action { carrier_hz: 0.0, pulse_duration_s: 0.0 }),
+            integrity,
         };
         if is_heard {
             *last_heard = posterior;
         }
         *cycle = cycle.wrapping_add(1);
-        observer.stage(Stage::Done);
         Ok(report)
     }
 }

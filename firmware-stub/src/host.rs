@@ -9,6 +9,7 @@ const FEED_NAME: &[u8] = b"feed.bin\0";
 /// Modes of the semihosting call that opens a file.
 const READ_BINARY: usize = 1;
 const WRITE: usize = 4;
+const WRITE_BINARY: usize = 5;
 
 /// Writes to the host's standard output.
 pub fn write(bytes: &[u8]) {
@@ -58,15 +59,40 @@ pub struct File {
 impl File {
     /// Opens the feed: `feed.bin` in the folder that the debugger was started in.
     pub fn open_feed() -> Option<Self> {
+        Self::open(FEED_NAME)
+    }
+
+    /// Opens a file in that folder; `name` ends with a zero.
+    pub fn open(name: &'static [u8]) -> Option<Self> {
         // SAFETY: the arguments are those the call expects.
-        let handle = unsafe { syscall!(OPEN, FEED_NAME.as_ptr() as usize, READ_BINARY, FEED_NAME.len() - 1) };
+        let handle = unsafe { syscall!(OPEN, name.as_ptr() as usize, READ_BINARY, name.len() - 1) };
         if handle == usize::MAX { None } else { Some(Self { handle }) }
+    }
+
+    /// How many bytes it has.
+    pub fn length(&self) -> usize {
+        // SAFETY: the argument is the one the call expects.
+        unsafe { syscall!(FLEN, self.handle) }
     }
 
     /// Fills `bytes`; false at the file's end.
     pub fn read(&mut self, bytes: &mut [u8]) -> bool {
         // SAFETY: the arguments are those the call expects, and the buffer outlives it.
         let missing = unsafe { syscall!(READ, self.handle, bytes.as_mut_ptr() as usize, bytes.len()) };
+        missing == 0
+    }
+}
+
+/// Writes a file in the folder that the debugger was started in; `name` ends with a zero. False where it cannot be written.
+pub fn write_file(name: &'static [u8], bytes: &[u8]) -> bool {
+    // SAFETY: the arguments are those the calls expect, and the buffer outlives them.
+    unsafe {
+        let handle = syscall!(OPEN, name.as_ptr() as usize, WRITE_BINARY, name.len() - 1);
+        if handle == usize::MAX {
+            return false;
+        }
+        let missing = syscall!(WRITE, handle, bytes.as_ptr() as usize, bytes.len());
+        syscall!(CLOSE, handle);
         missing == 0
     }
 }

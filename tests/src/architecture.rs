@@ -59,18 +59,23 @@ const PARTS: [(&str, &str); 3] = [
 const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
 /// What the crate's root exports again: no block may take the whole by that way.
 const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
-/// What may change the whole tracker.
-const ENTRIES: [&str; 14] = [
+/// What may change the whole tracker: the ways in, and the sweep of all state, which mends what is broken.
+const ENTRIES: [&str; 19] = [
     "begin",
+    "check_seals",
     "cycle",
     "cycle_observed",
     "finish",
     "finish_observed",
+    "finish_unswept",
+    "mend",
     "read",
     "receive",
     "receive_observed",
     "restore",
+    "restore_map",
     "restrict",
+    "sweep",
     "switch_antenna",
     "tell",
     "tell_channel",

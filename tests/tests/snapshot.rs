@@ -126,3 +126,24 @@ fn a_tracker_that_was_told_something_else_refuses_it() {
     assert_eq!(begun.snapshot(&mut buffer.clone()), Err(SnapshotError::Begun));
     assert_eq!(begun.restore(&buffer), Err(SnapshotError::Begun));
 }
+
+/// Length and hash of two snapshots of version 1. Another layout has another version; with it, and where the core's arithmetic changes
+/// as it does for the golden trace, they are entered anew.
+#[test]
+fn the_layout_of_a_snapshot_is_that_of_its_version() {
+    let (recording, setup) = setup("dw3000-office", 30);
+    let mut tracker = setup.tracker::<4>().unwrap();
+    let fingerprint = |tracker: &cogmint::replay::SizedTracker<4>| {
+        let mut bytes = vec![0; 1 << 18];
+        let length = tracker.snapshot(&mut bytes).unwrap();
+        let mut hash = cogmint_core::trace::TraceHash::default();
+        bytes[..length].iter().for_each(|byte| hash.word(u32::from(*byte)));
+        (cogmint_core::snapshot::VERSION, length, format!("{:016x}", hash.value()))
+    };
+    let at_start = fingerprint(&tracker);
+    for input in inputs(&recording) {
+        step(&mut tracker, &input, &mut ()).unwrap();
+    }
+    assert_eq!(at_start, (1, 24_067, "67a91612b9766427".to_owned()));
+    assert_eq!(fingerprint(&tracker), (1, 66_618, "b71fe7bf176db51b".to_owned()));
+}

@@ -7,7 +7,7 @@ use crate::model::channel::ChannelKnowledge;
 use crate::perceptor::scan::Scan;
 use crate::radio::library::Library;
 use crate::radio::link::LinkStatus;
-use crate::snapshot::{Reader, Sink, SnapshotError, Stored, Written};
+use crate::snapshot::{Reader, Sink, SnapshotError, Stored, Told, Written};
 use heapless::Vec;
 
 /// One controller for each anchor, or one for all, and who answered of late.
@@ -142,6 +142,17 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
         &self.controllers
     }
 
+    /// Whether all of them are sound.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.controllers.iter().all(Controller::is_sound)
+    }
+
+    /// They forget everything but what they were told.
+    pub(crate) fn reset(&mut self) {
+        self.controllers.iter_mut().for_each(Controller::reset);
+        self.links = LinkStatus::default();
+    }
+
     /// Who answered of late.
     pub fn links(&self) -> &LinkStatus<ANCHORS> {
         &self.links
@@ -162,5 +173,16 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Stored for Controllers<ANCHORS,
         let Self { controllers, anchors: _, links } = self;
         controllers.iter_mut().try_for_each(|controller| controller.read(from))?;
         links.read(from)
+    }
+}
+
+impl<const ANCHORS: usize, const ACTIONS: usize> Told for Controllers<ANCHORS, ACTIONS> {
+    fn write_told(&self, to: &mut impl Sink) {
+        let Self { controllers, anchors, links: _ } = self;
+        anchors.write(to);
+        // With its length, which state that is written has not.
+        if to.list(controllers.len(), ANCHORS) {
+            controllers.iter().for_each(|controller| controller.write_told(to));
+        }
     }
 }

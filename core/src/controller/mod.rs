@@ -17,6 +17,7 @@ pub use all_anchors::{Controllers, Decision};
 use crate::model::channel::ChannelKnowledge;
 use crate::radio::library::Allowed;
 use crate::radio::link::Hop;
+use crate::real::is_probability;
 use crate::snapshot::{stored, written};
 use planning::{Ahead, Horizon, Planner, Visible};
 use policy::{Choice, LEAST_TURN_CYCLES, draw_other, explore, planned_set, policy, settle};
@@ -233,6 +234,28 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         (self.turn_cycles, self.turn_s, self.sought_with) = (0, 0.0, None);
         self.policy = policy(&self.values, &self.allowed, self.settings.choice.temperature_nat);
         true
+    }
+
+    /// Whether finite numbers are what they may be, and actions those that are allowed.
+    pub(crate) fn is_sound(&self) -> bool {
+        let is_allowed = |action: usize| self.allowed.get(action) == Some(&true);
+        let in_use = [self.held, self.chosen, self.action_index(), self.announced().unwrap_or(self.chosen)];
+        in_use.into_iter().chain(self.sought_with).all(is_allowed)
+            && self.policy.iter().all(|probability| is_probability(*probability))
+            && self.turn_s >= 0.0
+    }
+
+    /// Forgets everything but what it was told.
+    #[inline(never)]
+    pub(crate) fn reset(&mut self) {
+        let first = self.settings.first_action;
+        *self = Self::new(self.settings, self.allowed, self.seed);
+        if self.allowed.get(first) != Some(&true)
+            && let Some(first) = self.allowed.iter().position(|allowed| *allowed)
+        {
+            (self.held, self.chosen) = (first, first);
+            self.hop = self.settings.rendezvous.map(|rendezvous| Hop::new(first, rendezvous));
+        }
     }
 
     /// That of its randomness.

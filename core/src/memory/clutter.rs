@@ -73,6 +73,11 @@ impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
         &self.backgrounds
     }
 
+    /// Whether finite numbers are what they may be.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.unexplained.iter().all(|unexplained| *unexplained >= 0.0)
+    }
+
     /// Mean number of measurements per scan that belong to nothing known, by anchor.
     pub fn unexplained(&self) -> &[f32; ANCHORS] {
         &self.unexplained

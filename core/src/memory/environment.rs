@@ -14,7 +14,7 @@ use crate::model::image::Sequence;
 use crate::model::source::Source;
 use crate::perceptor::association::outcome::AssociatedScan;
 use crate::perceptor::expectation::Sighting;
-use crate::real::smaller;
+use crate::real::{is_probability, smaller};
 use crate::snapshot::stored;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
@@ -170,6 +170,35 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
                 may_join: origin == Origin::Discovered,
             });
         }
+    }
+
+    /// Sets the probability that a surface exists, from a stored map.
+    pub(crate) fn set_existence(&mut self, slot: usize, existence: f32) {
+        if let Some(Some(surface)) = self.surfaces.get_mut(slot) {
+            surface.existence = smaller(existence, MOST_CERTAIN);
+        }
+    }
+
+    /// Takes out a surface that nothing is seen in.
+    pub(crate) fn remove_surface(&mut self, slot: usize) {
+        if let Some(surface) = self.surfaces.get_mut(slot) {
+            *surface = None;
+        }
+    }
+
+    /// Takes all sources out, surfaces stay.
+    pub(crate) fn take_sources(&mut self) -> [Option<Record>; SOURCES] {
+        core::mem::replace(&mut self.sources, [None; SOURCES])
+    }
+
+    /// Enters a source in the first free slot where it is not there yet; false where there is no room.
+    pub(crate) fn enter(&mut self, anchor: usize, sequence: Sequence, hits: u32) -> bool {
+        if self.iter().any(|(_, record)| record.anchor == anchor && record.sequence == sequence) {
+            return true;
+        }
+        let Some(slot) = self.free_slot() else { return false };
+        self.insert(slot, anchor, sequence, hits);
+        true
     }
 
     /// Fills a free slot with a source seen `hits` times so far; does nothing where it is taken or does not exist.
@@ -425,6 +454,39 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         self.insert_surface(surface, TOLD, Origin::Discovered);
         self.insert(slot, anchor, Sequence::of(surface as u8), 1);
         Admission::Entered { slot, surface, replaced }
+    }
+
+    /// Whether all entries are what they may be, of so many anchors, where the state filter has these surfaces.
+    pub(crate) fn is_sound(&self, anchors: usize, has_surface: impl Fn(usize) -> bool) -> bool {
+        let agrees =
+            |(slot, surface): (usize, &Option<SurfaceRecord>)| surface.is_some() == has_surface(slot);
+        self.surfaces.iter().enumerate().all(agrees)
+            && self.surfaces.iter().flatten().all(|surface| is_probability(surface.existence))
+            && self.sources.iter().flatten().all(|record| self.is_seen(record, anchors))
+    }
+
+    fn is_seen(&self, record: &Record, anchors: usize) -> bool {
+        record.anchor < anchors && record.sequence.surfaces().all(|slot| self.surface(slot).is_some())
+    }
+
+    /// Takes out what is not sound: sources of no anchor or no surface, surfaces that the state filter has not, or that no source is
+    /// seen in; a surface whose existence is no probability exists as one that was told.
+    pub(crate) fn mend(&mut self, anchors: usize, has_surface: impl Fn(usize) -> bool) {
+        for (slot, place) in self.surfaces.iter_mut().enumerate() {
+            if !has_surface(slot) {
+                *place = None;
+            }
+            if let Some(surface) = place
+                && !is_probability(surface.existence)
+            {
+                surface.existence = TOLD;
+            }
+        }
+        for slot in 0..SOURCES {
+            if !self.get(slot).is_none_or(|record| self.is_seen(record, anchors)) {
+                self.remove(slot);
+            }
+        }
     }
 
     /// The first free slots of sources and surfaces.

@@ -4,7 +4,7 @@
 //! expected of it: the steps of expectation maximisation, taken one range at a time.
 
 use crate::model::lateness::{Lateness, Timing};
-use crate::real::{larger, limited, smaller};
+use crate::real::{is_probability, larger, limited, smaller};
 use crate::snapshot::stored;
 
 /// Guard: against a share learnt from a handful: ranges that what is assumed at the start is worth.
@@ -62,6 +62,16 @@ impl<const ANCHORS: usize> LatenessMemory<ANCHORS> {
         let [least, most] = SHARES;
         *share = limited(*share + (late - probability * *share) / own.ranges, least, most);
         *mean_m = larger(*mean_m + late * (timing.excess_m - *mean_m) / own.late, LEAST_MEAN_M);
+    }
+
+    /// Whether finite numbers are what they may be.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.own.iter().all(|own| {
+            own.ranges > 0.0
+                && own.late > 0.0
+                && is_probability(own.lateness.share)
+                && own.lateness.mean_m >= 0.0
+        })
     }
 
     /// Every number of the state, in a fixed order, for traces.

@@ -6,7 +6,7 @@
 
 use crate::model::availability::{Crossing, USUAL_THROUGH};
 use crate::real::{larger, smaller};
-use crate::snapshot::stored;
+use crate::snapshot::{Reader, Sink, SnapshotError, Stored, Written, stored};
 
 /// Tuned: seconds of looking that this counts for.
 pub const USUAL_S: f32 = 2.0;
@@ -61,6 +61,31 @@ impl<const SEGMENTS: usize> TransmissionMemory<SEGMENTS> {
             }
             Crossing::Unclear => {}
         }
+    }
+
+    /// Writes what is known of so many walls, for a stored map.
+    pub(crate) fn write_walls(&self, walls: usize, to: &mut impl Sink) {
+        let walls = walls.min(SEGMENTS);
+        (walls as u16).write(to);
+        self.clear.write(to);
+        self.walls.iter().take(walls).for_each(|looks| looks.write(to));
+    }
+
+    /// Reads it.
+    ///
+    /// # Errors
+    /// The bytes end; part of it may have been read then.
+    pub(crate) fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let mut walls = 0_u16;
+        walls.read(from)?;
+        self.clear.read(from)?;
+        self.walls.iter_mut().take(usize::from(walls)).try_for_each(|looks| looks.read(from))
+    }
+
+    /// Whether finite numbers are what they may be.
+    pub(crate) fn is_sound(&self) -> bool {
+        let is_share = |looks: &Looks| looks.found_s >= 0.0 && looks.found_s <= 1.001 * looks.looked_s + 1e-3;
+        core::iter::once(&self.clear).chain(&self.walls).all(is_share)
     }
 
     /// Every number of so many walls, in a fixed order, for traces.

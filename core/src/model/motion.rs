@@ -10,7 +10,7 @@
 //! so that cutting a step in two changes nothing but rounding.
 
 use crate::real::{exp, expm1};
-use crate::snapshot::{stored, written};
+use crate::snapshot::{Blank, Reader, Sink, SnapshotError, Stored, Written, stored, written};
 use nalgebra::{Matrix2, Matrix4, Vector4};
 
 /// How the tag moves and how much the map changes.
@@ -194,7 +194,31 @@ impl MotionStep {
     }
 }
 
-stored!(blank Motion { acceleration_density_m2_s3, velocity_decay_s, virtual_anchor_walk_m_sqrt_s });
+impl Written for Motion {
+    fn write(&self, to: &mut impl Sink) {
+        let Self { acceleration_density_m2_s3, velocity_decay_s, virtual_anchor_walk_m_sqrt_s } = self;
+        to.float(*acceleration_density_m2_s3);
+        // It may be infinite, which no other number is.
+        to.word(velocity_decay_s.to_bits());
+        to.float(*virtual_anchor_walk_m_sqrt_s);
+    }
+}
+
+impl Stored for Motion {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        let Self { acceleration_density_m2_s3, velocity_decay_s, virtual_anchor_walk_m_sqrt_s } = self;
+        [acceleration_density_m2_s3, velocity_decay_s, virtual_anchor_walk_m_sqrt_s]
+            .into_iter()
+            .try_for_each(|number| number.read(from))
+    }
+}
+
+impl Blank for Motion {
+    fn blank() -> Self {
+        Self { acceleration_density_m2_s3: 0.0, velocity_decay_s: 0.0, virtual_anchor_walk_m_sqrt_s: 0.0 }
+    }
+}
+
 written!(Start { position_m, position_std_m, velocity_std_m_s });
 stored!(Agent { mean, covariance } told {});
 

@@ -2,6 +2,7 @@
 
 use super::anchor::Anchor;
 use crate::real::{TAU, larger};
+use crate::snapshot::written;
 
 /// Guard: against the division by it: least area of a region, square metres.
 pub const LEAST_AREA_M2: f32 = 1.0;
@@ -61,6 +62,8 @@ impl Region {
         Some(Self { centre_m: [x0 + x, y0 + y], covariance_m2, area_m2 })
     }
 }
+
+written!(Region { centre_m, covariance_m2, area_m2 });
 
 #[cfg(test)]
 mod tests {

@@ -76,11 +76,15 @@ written!(Line { centre_m, normal });
 impl Written for Surface {
     fn write(&self, to: &mut impl Sink) {
         // As long for every kind.
-        let (kind, numbers): (u8, [f32; 4]) = match self {
-            Self::Wall(Line { centre_m: [x, y], normal: [nx, ny] }) => (0, [*x, *y, *nx, *ny]),
-            Self::Private => (1, [0.0; 4]),
-            Self::Heading { turns_per_s } => (2, [*turns_per_s, 0.0, 0.0, 0.0]),
-        };
+        // One after the other, not by a table: what flipped to no variant is written as one of them, and its seal is another.
+        let (kind, numbers): (u8, [f32; 4]) =
+            if let Self::Wall(Line { centre_m: [x, y], normal: [nx, ny] }) = self {
+                (0, [*x, *y, *nx, *ny])
+            } else if let Self::Heading { turns_per_s } = self {
+                (2, [*turns_per_s, 0.0, 0.0, 0.0])
+            } else {
+                (1, [0.0; 4])
+            };
         (kind, numbers).write(to);
     }
 }

@@ -13,7 +13,7 @@ use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
 use crate::real::{SPEED_OF_LIGHT_M_S, smaller};
-use crate::snapshot::stored;
+use crate::snapshot::{Sealed, Written, seal, seal_with, stored};
 use heapless::Vec;
 
 /// What the receiver is told of an anchor's link.
@@ -199,8 +199,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         let Some(action) = library.get(frame.action) else { return };
         let pulse = self.radio.pulse(action);
         if pulse != self.estimator_pulse {
-            self.estimator = build_estimator(&self.radio, self.estimator_settings, pulse);
-            self.estimator_pulse = pulse;
+            self.rebuild(pulse);
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
         seen(&estimate);
@@ -311,6 +310,35 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         unheard_s
     }
 
+    /// Seals what the estimator was made of: it is the same until the pulse changes.
+    pub(crate) fn seal_estimator(&self) -> Sealed {
+        seal(&self.estimator)
+    }
+
+    /// Seals what is kept from cycle to cycle: what is left of the last frames is not read again.
+    pub(crate) fn seal(&self) -> Sealed {
+        let Self { gain_control, last_sequence, silent_s, threshold, .. } = self;
+        seal_with(|to| {
+            gain_control.write(to);
+            last_sequence.write(to);
+            silent_s.write(to);
+            threshold.write(to);
+        })
+    }
+
+    /// Makes the estimator anew, for this pulse.
+    #[inline(never)]
+    pub(crate) fn rebuild(&mut self, pulse: Pulse) {
+        self.estimator = build_estimator(&self.radio, self.estimator_settings, pulse);
+        self.estimator_pulse = pulse;
+    }
+
+    /// Whether finite numbers are what they may be.
+    pub(crate) fn is_sound(&self) -> bool {
+        let is_time = |silent_s: &f32| *silent_s >= 0.0;
+        self.threshold > 0.0 && self.silent_s.iter().flatten().all(is_time)
+    }
+
     /// Threshold on the normalised energy of a path: that of the last anchor's last frame.
     pub fn threshold(&self) -> f32 {
         self.threshold
@@ -333,5 +361,6 @@ fn build_estimator<const PATHS: usize>(
 
 stored!(
     Receiver<const ANCHORS, const PATHS, const POINTS> { gain_control, last_sequence, silent_s, threshold, residuals }
-    told { radio, estimator_settings, ranging, estimator, estimator_pulse, leaves }
+    told { radio, estimator_settings, ranging, leaves }
+    made { estimator, estimator_pulse }
 );

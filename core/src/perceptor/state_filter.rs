@@ -138,6 +138,51 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
     }
 
+    /// Whether finite numbers are what they may be: what it was told is that, variances are neither negative nor beyond their limits,
+    /// and no covariance is far beyond what its variances allow.
+    pub(crate) fn is_sound(
+        &self,
+        motion: &Motion,
+        reach_m: f32,
+        range_biases_m: &[[f32; 2]; ANCHORS],
+    ) -> bool {
+        let Covariance { xx, xb, bb, xs, bs, ss } = &self.covariance;
+        let is_told = self.motion == *motion
+            && self.reach_m == reach_m
+            && self.bias_limits_m2 == range_biases_m.map(|[_, std_m]| std_m * std_m)
+            && self.estimate_bias == range_biases_m.iter().any(|[_, std_m]| *std_m > 0.0);
+        let agent_m2 = [xx.m11, xx.m22, xx.m33, xx.m44];
+        let is_variance = |variance: f32| variance >= 0.0;
+        // Twice as much as is possible leaves room for rounding.
+        let may_be = |c: f32, a: f32, b: f32| c * c <= 4.0 * (a * b) + f32::MIN_POSITIVE;
+        let mut is_sound = is_told && agent_m2.into_iter().all(is_variance);
+        for (column, a) in xx.column_iter().zip(agent_m2) {
+            is_sound &= column.iter().zip(agent_m2).all(|(c, b)| may_be(*c, a, b));
+        }
+        let mut biases_m2 = [0.0; ANCHORS];
+        for (anchor, (variance_m2, row)) in biases_m2.iter_mut().zip(bb).enumerate() {
+            *variance_m2 = row.get(anchor).copied().unwrap_or(0.0);
+        }
+        for ((own_m2, row), cross) in biases_m2.iter().zip(bb).zip(xb) {
+            is_sound &= is_variance(*own_m2)
+                && row.iter().zip(&biases_m2).all(|(c, other)| may_be(*c, *own_m2, *other))
+                && cross.iter().zip(agent_m2).all(|(c, other)| may_be(*c, *own_m2, other));
+        }
+        for ((([first, second], xs), bs), surface) in ss.variances().zip(xs).zip(bs).zip(&self.surfaces) {
+            if surface.is_none() {
+                continue;
+            }
+            is_sound &= is_variance(*first) && is_variance(*second);
+            for (column, own) in xs.column_iter().zip([*first, *second]) {
+                is_sound &= column.iter().zip(agent_m2).all(|(c, other)| may_be(*c, own, other));
+            }
+            for (c, other) in bs.iter().zip(&biases_m2) {
+                is_sound &= may_be(c.x, *first, *other) && may_be(c.y, *second, *other);
+            }
+        }
+        is_sound
+    }
+
     /// Position of the tag, metres.
     pub fn position_m(&self) -> [f32; 2] {
         [self.mean.agent.x, self.mean.agent.y]
@@ -285,6 +330,22 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     ) -> bool {
         let [first, second] = std;
         self.insert(slot, surface, state, Matrix2::new(first * first, 0.0, 0.0, second * second))
+    }
+
+    /// Puts a surface where it was in a stored map, whatever was there.
+    pub(crate) fn restore(&mut self, slot: usize, surface: Surface, state: Vector2<f32>, own: Matrix2<f32>) {
+        self.remove(slot);
+        self.insert(slot, surface, state, own);
+    }
+
+    /// Block of C_ss between two surfaces; 0 where there are none.
+    pub(crate) fn block(&self, k: usize, l: usize) -> Matrix2<f32> {
+        self.covariance.ss.get(k, l).unwrap_or(Matrix2::new(0.0, 0.0, 0.0, 0.0))
+    }
+
+    /// Sets that block between two surfaces of a stored map.
+    pub(crate) fn restore_block(&mut self, k: usize, l: usize, block: &Matrix2<f32>) {
+        self.covariance.ss.set(k, l, block);
     }
 
     /// Adds a private surface located relative to the tag's position p: its deviation is `gain` (p - E p) plus an error
@@ -1121,14 +1182,13 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         self.mean.bias_m.iter().for_each(|v| f(*v));
         self.mean.surfaces.iter().for_each(|v| v.iter().for_each(|v| f(*v)));
         for surface in &self.surfaces {
-            let kind = match surface {
-                None => 0.0,
-                Some(Surface::Private) => 1.0,
-                Some(Surface::Heading { .. }) => 3.0,
-                Some(Surface::Wall(line)) => {
-                    line.centre_m.iter().chain(&line.normal).for_each(|v| f(*v));
-                    2.0
-                }
+            let kind = if let Some(Surface::Wall(line)) = surface {
+                line.centre_m.iter().chain(&line.normal).for_each(|v| f(*v));
+                2.0
+            } else if let Some(Surface::Heading { .. }) = surface {
+                3.0
+            } else {
+                f32::from(u8::from(surface.is_some()))
             };
             f(kind);
         }

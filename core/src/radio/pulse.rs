@@ -6,7 +6,7 @@
 //! Any other pulse comes as samples of its R, for example one measured over a cable: beta^2 = -R''(0) / (4 pi^2).
 
 use crate::real::{SPEED_OF_LIGHT_M_S, TAU, abs, cos, exp, larger, limited, sin, sqrt};
-use crate::snapshot::{Sink, Written};
+use crate::snapshot::{Sink, Written, written};
 
 /// Mathematics: grid of the table, steps per pulse duration.
 pub const STEPS: usize = 64;
@@ -235,6 +235,9 @@ impl PulseTable {
         STEPS as f32 / self.steps_per_sample
     }
 }
+
+written!(PulseTable { values, steps_per_sample });
+written!(Pulse { duration_s, shape });
 
 impl Written for PulseShape {
     fn write(&self, to: &mut impl Sink) {

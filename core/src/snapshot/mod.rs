@@ -13,18 +13,28 @@
 //!
 //! What the tracker was told is not in it: firmware has it in flash, and starts the tracker with it. A snapshot of a tracker that was told
 //! anything else is refused, as is one that is torn, cut short or flipped anywhere; nothing has changed then. Every type codes its own
-//! fields (`Stored`), all of them: a field that is added and not coded does not compile.
+//! fields (`Stored`), all of them: a field that is added and not coded does not compile. By the same code state is sealed (`seal`): a bit
+//! that flips in it between two cycles is found.
 
+mod seal;
 mod stored;
 
 use crate::trace::TraceHash;
 use core::fmt;
 
-pub(crate) use stored::{Blank, Stored, Written, stored, written};
+pub(crate) use seal::{Sealed, seal, seal_with};
+pub(crate) use stored::{Blank, Stored, Told, Written, stored, written};
 
 /// Guard: against snapshots of another layout, which are refused: counts the versions of the format.
 pub const VERSION: u32 = 1;
-const MAGIC: [u8; 4] = *b"COGS";
+/// What stands in front of the bytes of one kind.
+pub(crate) struct Form {
+    pub magic: [u8; 4],
+    pub version: u32,
+}
+
+/// That of a tracker's whole state.
+pub(crate) const STATE: Form = Form { magic: *b"COGS", version: VERSION };
 /// Capacity: bytes ahead of the state.
 const HEADER: usize = 20;
 /// Capacity: bytes behind it.
@@ -40,7 +50,7 @@ pub enum SnapshotError {
         /// Bytes that it takes.
         needed: usize,
     },
-    /// A cycle is begun and not finished.
+    /// A cycle is begun and not finished; or, of a map, the first one was.
     Begun,
     /// It is no snapshot, or is cut short.
     Foreign,
@@ -59,7 +69,7 @@ impl fmt::Display for SnapshotError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Room { needed } => write!(f, "the snapshot takes {needed} bytes"),
-            Self::Begun => write!(f, "a cycle is begun and not finished"),
+            Self::Begun => write!(f, "a cycle is begun"),
             Self::Foreign => write!(f, "no snapshot, or cut short"),
             Self::Version { found } => write!(f, "a snapshot of version {found}, not {VERSION}"),
             Self::Told => write!(f, "a snapshot of a tracker that was told something else"),
@@ -70,9 +80,31 @@ impl fmt::Display for SnapshotError {
 
 impl core::error::Error for SnapshotError {}
 
-/// Where state goes, byte by byte.
+/// Where state goes, byte by byte; or by larger pieces, where that is faster.
 pub(crate) trait Sink {
     fn byte(&mut self, byte: u8);
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.byte(*byte));
+    }
+
+    fn word(&mut self, word: u32) {
+        self.bytes(&word.to_le_bytes());
+    }
+
+    fn float(&mut self, value: f32) {
+        self.word(value.to_bits());
+    }
+
+    fn floats(&mut self, values: &[f32]) {
+        values.iter().for_each(|value| self.float(*value));
+    }
+
+    /// A list of so many entries begins, of which its memory has room for `room`; whether they are to follow.
+    fn list(&mut self, count: usize, _room: usize) -> bool {
+        self.bytes(&(count as u16).to_le_bytes());
+        true
+    }
 }
 
 /// The digest of what is told.
@@ -109,6 +141,7 @@ impl Sink for Writer<'_> {
 }
 
 /// The state in a snapshot being read.
+#[derive(Clone)]
 pub(crate) struct Reader<'a> {
     bytes: &'a [u8],
     /// Whether values are only checked.
@@ -123,6 +156,11 @@ impl Reader<'_> {
         Ok(*head)
     }
 
+    /// Whether nothing is left.
+    pub fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
     /// Whether values are only checked.
     pub fn is_trial(&self) -> bool {
         self.is_trial
@@ -130,7 +168,12 @@ impl Reader<'_> {
 }
 
 /// Writes a snapshot of `state`; its length.
-pub(crate) fn write(digest: u64, state: &impl Stored, buffer: &mut [u8]) -> Result<usize, SnapshotError> {
+pub(crate) fn write(
+    form: &Form,
+    digest: u64,
+    state: &impl Written,
+    buffer: &mut [u8],
+) -> Result<usize, SnapshotError> {
     let mut counter = Writer { buffer: &mut [], length: 0, hash: Digest::default() };
     state.write(&mut counter);
     let length = counter.length;
@@ -139,8 +182,8 @@ pub(crate) fn write(digest: u64, state: &impl Stored, buffer: &mut [u8]) -> Resu
         return Err(SnapshotError::Room { needed });
     }
     let mut writer = Writer { buffer, length: 0, hash: Digest::default() };
-    MAGIC.write(&mut writer);
-    VERSION.write(&mut writer);
+    form.magic.write(&mut writer);
+    form.version.write(&mut writer);
     digest.write(&mut writer);
     (length as u32).write(&mut writer);
     state.write(&mut writer);
@@ -149,11 +192,11 @@ pub(crate) fn write(digest: u64, state: &impl Stored, buffer: &mut [u8]) -> Resu
     Ok(needed)
 }
 
-/// Reads a snapshot into `state`, all of it or nothing.
-pub(crate) fn read(digest: u64, state: &mut impl Stored, bytes: &[u8]) -> Result<(), SnapshotError> {
+/// Looks at what stands in front of the state, and at the checksum; the state.
+pub(crate) fn open<'a>(form: &Form, digest: u64, bytes: &'a [u8]) -> Result<Reader<'a>, SnapshotError> {
     let mut header = Reader { bytes, is_trial: false };
     let mut word = || header.take::<4>().map_err(|_| SnapshotError::Foreign);
-    if word()? != MAGIC {
+    if word()? != form.magic {
         return Err(SnapshotError::Foreign);
     }
     let found = u32::from_le_bytes(word()?);
@@ -171,15 +214,26 @@ pub(crate) fn read(digest: u64, state: &mut impl Stored, bytes: &[u8]) -> Result
     if u64::from_le_bytes(*checksum) != hash.value() {
         return Err(SnapshotError::Damaged);
     }
-    if found != VERSION {
+    if found != form.version {
         return Err(SnapshotError::Version { found });
     }
     let [low, high] = told.map(u32::from_le_bytes);
     if u64::from(low) | u64::from(high) << 32 != digest {
         return Err(SnapshotError::Told);
     }
+    Ok(Reader { bytes: body, is_trial: false })
+}
+
+/// Reads a snapshot into `state`, all of it or nothing.
+pub(crate) fn read(
+    form: &Form,
+    digest: u64,
+    state: &mut impl Stored,
+    bytes: &[u8],
+) -> Result<(), SnapshotError> {
+    let body = open(form, digest, bytes)?;
     for is_trial in [true, false] {
-        let mut reader = Reader { bytes: body, is_trial };
+        let mut reader = Reader { is_trial, ..body.clone() };
         state.read(&mut reader)?;
         if !reader.bytes.is_empty() {
             return Err(SnapshotError::Damaged);
@@ -202,7 +256,7 @@ mod tests {
     #[test]
     fn a_snapshot_has_the_bytes_documented() {
         let mut buffer = [0xaa; 64];
-        let length = write(0x0102_0304_0506_0708, &state(), &mut buffer).unwrap();
+        let length = write(&STATE, 0x0102_0304_0506_0708, &state(), &mut buffer).unwrap();
         let mut expected = std::vec::Vec::from(*b"COGS\x01\0\0\0\x08\x07\x06\x05\x04\x03\x02\x01");
         // 4 + 8 + 2 and 6 + 1 and 1 bytes of state.
         expected.extend(22_u32.to_le_bytes());
@@ -218,14 +272,14 @@ mod tests {
     #[test]
     fn what_was_written_is_read() {
         let mut buffer = [0; 64];
-        let length = write(1, &state(), &mut buffer).unwrap();
+        let length = write(&STATE, 1, &state(), &mut buffer).unwrap();
         let mut other: State = (0, [0.0; 2], Vec::from_slice(&[1, 1, 1, 1]).unwrap(), None);
         // What follows it does no harm: pages of a flash are longer.
-        read(1, &mut other, &buffer).unwrap();
+        read(&STATE, 1, &mut other, &buffer).unwrap();
         assert_eq!(other, state());
         assert!(other.1[1].is_sign_negative());
         assert_eq!(
-            write(1, &state(), &mut buffer[..length - 1]),
+            write(&STATE, 1, &state(), &mut buffer[..length - 1]),
             Err(SnapshotError::Room { needed: length })
         );
     }
@@ -233,23 +287,23 @@ mod tests {
     #[test]
     fn every_damage_is_refused_and_changes_nothing() {
         let mut buffer = [0; 64];
-        let length = write(1, &state(), &mut buffer).unwrap();
+        let length = write(&STATE, 1, &state(), &mut buffer).unwrap();
         let mut other: State = (0, [0.5; 2], Vec::new(), None);
         let before = other.clone();
         for end in 0..length {
-            assert!(read(1, &mut other, &buffer[..end]).is_err(), "{end}");
+            assert!(read(&STATE, 1, &mut other, &buffer[..end]).is_err(), "{end}");
         }
         for bit in 0..8 * length {
             let mut flipped = buffer;
             flipped[bit / 8] ^= 1 << (bit % 8);
-            assert!(read(1, &mut other, &flipped).is_err(), "{bit}");
+            assert!(read(&STATE, 1, &mut other, &flipped).is_err(), "{bit}");
         }
-        assert_eq!(read(2, &mut other, &buffer), Err(SnapshotError::Told));
+        assert_eq!(read(&STATE, 2, &mut other, &buffer), Err(SnapshotError::Told));
         assert_eq!(other, before);
         // A list that is longer than there is room for, under a checksum that holds.
         let long: Vec<u16, 8> = Vec::from_slice(&[1; 6]).unwrap();
-        write(1, &(7_u32, [0.0_f32; 2], long, Some(1_u8)), &mut buffer).unwrap();
-        assert_eq!(read(1, &mut other, &buffer), Err(SnapshotError::Damaged));
+        write(&STATE, 1, &(7_u32, [0.0_f32; 2], long, Some(1_u8)), &mut buffer).unwrap();
+        assert_eq!(read(&STATE, 1, &mut other, &buffer), Err(SnapshotError::Damaged));
         assert_eq!(other, before);
     }
 }

@@ -8,6 +8,20 @@ use nalgebra::SMatrix;
 pub(crate) trait Written {
     /// Writes it.
     fn write(&self, to: &mut impl Sink);
+
+    /// Writes several, one after the other.
+    fn write_all(all: &[Self], to: &mut impl Sink)
+    where
+        Self: Sized,
+    {
+        all.iter().for_each(|value| value.write(to));
+    }
+}
+
+/// State beside which what the tracker was told is kept.
+pub(crate) trait Told {
+    /// Writes that.
+    fn write_told(&self, to: &mut impl Sink);
 }
 
 /// State that can be stored.
@@ -22,14 +36,47 @@ pub(crate) trait Blank: Stored {
     fn blank() -> Self;
 }
 
+impl Written for u8 {
+    fn write(&self, to: &mut impl Sink) {
+        to.byte(*self);
+    }
+
+    fn write_all(all: &[Self], to: &mut impl Sink) {
+        to.bytes(all);
+    }
+}
+
+impl Written for u16 {
+    fn write(&self, to: &mut impl Sink) {
+        to.bytes(&self.to_le_bytes());
+    }
+}
+
+impl Written for u32 {
+    fn write(&self, to: &mut impl Sink) {
+        to.word(*self);
+    }
+}
+
+impl Written for u64 {
+    fn write(&self, to: &mut impl Sink) {
+        to.word(*self as u32);
+        to.word((*self >> 32) as u32);
+    }
+}
+
+impl Written for f32 {
+    fn write(&self, to: &mut impl Sink) {
+        to.float(*self);
+    }
+
+    fn write_all(all: &[Self], to: &mut impl Sink) {
+        to.floats(all);
+    }
+}
+
 macro_rules! numbers {
     ($($number:ty),*) => {$(
-        impl Written for $number {
-            fn write(&self, to: &mut impl Sink) {
-                self.to_le_bytes().into_iter().for_each(|byte| to.byte(byte));
-            }
-        }
-
         impl Stored for $number {
             fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
                 let value = Self::from_le_bytes(from.take()?);
@@ -100,7 +147,11 @@ impl Blank for bool {
 
 impl<T: Written, const N: usize> Written for [T; N] {
     fn write(&self, to: &mut impl Sink) {
-        self.iter().for_each(|value| value.write(to));
+        T::write_all(self, to);
+    }
+
+    fn write_all(all: &[Self], to: &mut impl Sink) {
+        T::write_all(all.as_flattened(), to);
     }
 }
 
@@ -118,7 +169,7 @@ impl<T: Blank, const N: usize> Blank for [T; N] {
 
 impl<const ROWS: usize, const COLUMNS: usize> Written for SMatrix<f32, ROWS, COLUMNS> {
     fn write(&self, to: &mut impl Sink) {
-        self.iter().for_each(|value| value.write(to));
+        f32::write_all(self.as_slice(), to);
     }
 }
 
@@ -164,8 +215,9 @@ impl<T: Blank> Blank for Option<T> {
 
 impl<T: Written, const N: usize> Written for Vec<T, N> {
     fn write(&self, to: &mut impl Sink) {
-        (self.len() as u16).write(to);
-        self.iter().for_each(|value| value.write(to));
+        if to.list(self.len(), N) {
+            T::write_all(self, to);
+        }
     }
 }
 
@@ -223,23 +275,23 @@ macro_rules! tuples {
 tuples!(A B);
 tuples!(A B C D);
 
-/// Writes a struct by its fields, all of which are named: those before `told` in this order; those after it are what the tracker was
-/// told, or follow from it.
+/// Writes a struct by its fields, all of which are named, in this order.
 macro_rules! written {
-    ($type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? } told { $($told:ident),* $(,)? }) => {
+    ($type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? } but { $($other:ident),* $(,)? }) => {
         impl $(<$(const $size: usize),*>)? $crate::snapshot::Written for $type $(<$($size),*>)? {
             fn write(&self, to: &mut impl $crate::snapshot::Sink) {
-                let Self { $($field,)* $($told: _,)* } = self;
+                let Self { $($field,)* $($other: _,)* } = self;
                 $($crate::snapshot::Written::write($field, to);)*
             }
         }
     };
     ($type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? }) => {
-        $crate::snapshot::written!($type $(<$(const $size),*>)? { $($field),* } told {});
+        $crate::snapshot::written!($type $(<$(const $size),*>)? { $($field),* } but {});
     };
 }
 
-/// [`written!`], and reads it. With `blank` in front, lists may have more or less of it.
+/// [`written!`], and reads it. Fields after `told` are what the tracker was told; those after `made` are made of that, or last for a
+/// cycle. With `blank` in front, lists may have more or less of it.
 macro_rules! stored {
     (blank $type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? }) => {
         $crate::snapshot::stored!($type $(<$(const $size),*>)? { $($field),* } told {});
@@ -250,15 +302,26 @@ macro_rules! stored {
             }
         }
     };
-    ($type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? } told { $($told:ident),* $(,)? }) => {
-        $crate::snapshot::written!($type $(<$(const $size),*>)? { $($field),* } told { $($told),* });
+    (
+        $type:ident $(<$(const $size:ident),*>)? { $($field:ident),* $(,)? }
+        told { $($told:ident),* $(,)? } $(made { $($made:ident),* $(,)? })?
+    ) => {
+        $crate::snapshot::written!($type $(<$(const $size),*>)? { $($field),* } but { $($told,)* $($($made),*)? });
+
+        impl $(<$(const $size: usize),*>)? $crate::snapshot::Told for $type $(<$($size),*>)? {
+            fn write_told(&self, to: &mut impl $crate::snapshot::Sink) {
+                let Self { $($field: _,)* $($told,)* $($($made: _,)*)? } = self;
+                $($crate::snapshot::Written::write($told, to);)*
+                let _ = to;
+            }
+        }
 
         impl $(<$(const $size: usize),*>)? $crate::snapshot::Stored for $type $(<$($size),*>)? {
             fn read(
                 &mut self,
                 from: &mut $crate::snapshot::Reader<'_>,
             ) -> Result<(), $crate::snapshot::SnapshotError> {
-                let Self { $($field,)* $($told: _,)* } = self;
+                let Self { $($field,)* $($told: _,)* $($($made: _,)*)? } = self;
                 $($crate::snapshot::Stored::read($field, from)?;)*
                 Ok(())
             }

@@ -1,5 +1,6 @@
 //! The ways in: construction, a whole cycle at once, and a cycle by its observations.
 
+use super::integrity::Seals;
 use super::start::{enter_heading, enter_plan, enter_virtual_anchors};
 use super::{Begun, Tracker};
 use crate::config::Config;
@@ -21,7 +22,7 @@ use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
 use crate::real::abs;
-use crate::report::CycleReport;
+use crate::report::{CycleReport, Integrity};
 use heapless::Vec;
 
 impl<
@@ -114,6 +115,7 @@ impl<
             controllers: Controllers::new(config.controller, checked.len(), &library, seed),
             config,
             anchors: checked,
+            range_biases_m: [[ranging.bias_mean_m, ranging.bias_std_m]; ANCHORS],
             plan: FloorPlan::default(),
             library,
             map: 0,
@@ -122,6 +124,7 @@ impl<
             lever_arm_m: [0.0; 2],
             begun: None,
             scans: Vec::new(),
+            seals: Seals::NONE,
         })
     }
 
@@ -161,6 +164,7 @@ impl<
             }
         });
         *digest = map.digest();
+        self.seals = Seals::of_told(self.seal_told());
         Ok(())
     }
 
@@ -180,7 +184,11 @@ impl<
         if !(abs(mean_m) <= 10.0 && (0.0..=10.0).contains(&std_m)) {
             return Err(Error::Configuration(Setting::BiasPrior));
         }
+        if let Some(told) = self.range_biases_m.get_mut(anchor) {
+            *told = [mean_m, std_m];
+        }
         self.belief.tell(|filter| filter.tell_bias(anchor, mean_m, std_m));
+        self.seals = Seals::of_told(self.seal_told());
         Ok(())
     }
 
@@ -255,7 +263,11 @@ impl<
     /// # Errors
     /// Bad input, or [`Error::AlreadyBegun`]; nothing has changed then.
     pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
-        self.begun = Some(self.check_begin(elapsed_s, tag_height)?);
+        let begun = self.check_begin(elapsed_s, tag_height)?;
+        if !self.is_told_intact() {
+            return Err(Error::ToldChanged);
+        }
+        self.begun = Some(Begun { integrity: self.check_seals(), ..begun });
         self.receiver.advance(elapsed_s);
         self.scans.clear();
         Ok(())
@@ -299,7 +311,7 @@ impl<
         if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(Error::TagHeight);
         }
-        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default() })
+        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default(), integrity: Integrity::default() })
     }
 
     /// What the receiver is told of the link to an observation's anchor.

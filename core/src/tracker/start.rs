@@ -88,6 +88,38 @@ pub(super) fn enter_plan<
     }
 }
 
+/// A state that knows no more than it was told of the tag, of the walls of the plan that it has surfaces for, and of the heading.
+#[inline(never)]
+pub(super) fn told_filter<const ANCHORS: usize, const SURFACES: usize, const SEGMENTS: usize>(
+    config: &Config,
+    range_biases_m: &[[f32; 2]; ANCHORS],
+    plan: &FloorPlan<SEGMENTS>,
+) -> StateFilter<ANCHORS, SURFACES> {
+    let Config { start, ranging, .. } = config;
+    let mut filter = StateFilter::new(
+        config.motion,
+        ranging.max_range_m,
+        start.position_m,
+        start.position_std_m,
+        start.velocity_std_m_s,
+        ranging.bias_mean_m,
+        ranging.bias_std_m,
+    );
+    for (anchor, [mean_m, std_m]) in range_biases_m.iter().enumerate() {
+        filter.tell_bias(anchor, *mean_m, *std_m);
+    }
+    if config.has_heading {
+        filter.insert_heading(config.belief.turns_per_s);
+    }
+    for Wall { line, told, surface, .. } in plan.walls() {
+        if let Some(slot) = *surface {
+            let std = if config.exact_map { [0.0; 2] } else { [told.offset_std_m, told.rotation_std_rad] };
+            filter.insert_independent(usize::from(slot), Surface::Wall(*line), Vector2::new(0.0, 0.0), std);
+        }
+    }
+    filter
+}
+
 /// The slot of a wall's surface, which is entered where it is not yet; `None` where there is no room.
 fn surface_of<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, const SEGMENTS: usize>(
     filter: &mut StateFilter<ANCHORS, SURFACES>,

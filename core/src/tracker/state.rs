@@ -1,5 +1,6 @@
 //! What a tracker is told between cycles, and what can be read of its state.
 
+use super::integrity::Seals;
 use super::values::{Known, Place, Told, planning_state, walls_now};
 use super::{Begun, Tracker};
 use crate::application::waypoint::{WaypointChoice, WaypointError, WaypointSettings, choose_waypoint};
@@ -46,7 +47,9 @@ impl<
     /// There is no such anchor or action, or nothing that was allowed is left, or not the rendezvous; nothing has changed
     /// then.
     pub fn restrict(&mut self, anchor: usize, actions: &[usize]) -> Result<(), Error> {
-        self.controllers.restrict(anchor, actions, &self.library)
+        self.controllers.restrict(anchor, actions, &self.library)?;
+        self.seals = Seals::of_told(self.seal_told());
+        Ok(())
     }
 
     /// The controller that chooses for an anchor: its own, or the one for all; `None` for an anchor there is not.
@@ -173,6 +176,7 @@ impl<
             return Err(Error::ToldSinr);
         }
         self.channel.tell(source, sinr);
+        self.seals = self.seals.opened();
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! A tracker's state as bytes: see [`crate::snapshot`].
 
 use super::Tracker;
-use crate::snapshot::{self, Digest, SnapshotError, Written, stored};
+use crate::snapshot::{self, Digest, STATE, SnapshotError, Written, stored};
 
 impl<
     const ANCHORS: usize,
@@ -22,7 +22,7 @@ impl<
         if self.begun.is_some() {
             return Err(SnapshotError::Begun);
         }
-        snapshot::write(self.digest(), self, buffer)
+        snapshot::write(&STATE, self.digest(), self, buffer)
     }
 
     /// Goes on from a snapshot of a tracker that was told the same, with the same bits. What follows it in `bytes` is not looked at.
@@ -33,18 +33,21 @@ impl<
         if self.begun.is_some() {
             return Err(SnapshotError::Begun);
         }
-        snapshot::read(self.digest(), self, bytes)
+        snapshot::read(&STATE, self.digest(), self, bytes)?;
+        self.seals = self.seals.opened();
+        Ok(())
     }
 
     /// Digest of what the tracker was told, actions that it may choose ([`Self::restrict`]) among it, and of its capacities: equal for
     /// trackers whose snapshots are interchangeable. It is the same in every cycle; where it is not, something was told, or a bit has
     /// flipped in it.
     pub fn digest(&self) -> u64 {
-        let Self { config, anchors, plan, library, controllers, map, .. } = self;
+        let Self { config, anchors, range_biases_m, plan, library, controllers, map, .. } = self;
         let mut digest = Digest::default();
         [ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS].write(&mut digest);
         config.write(&mut digest);
         anchors.write(&mut digest);
+        range_biases_m.write(&mut digest);
         plan.write(&mut digest);
         library.write(&mut digest);
         map.write(&mut digest);
@@ -61,6 +64,7 @@ stored!(
         receiver, belief, environment, transmission, discovery, clutter, lateness, channel, controllers, cycle, last_heard,
         lever_arm_m
     }
+    told { config, anchors, range_biases_m, plan, library, map }
     // Between two cycles nothing is begun.
-    told { config, anchors, plan, library, map, begun, scans }
+    made { begun, scans, seals }
 );

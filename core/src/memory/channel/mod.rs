@@ -28,7 +28,7 @@ use crate::model::clock::{gain, probability};
 use crate::model::measurement::Measurement;
 use crate::model::source::Source;
 use crate::radio::library::Library;
-use crate::real::{abs, exp, larger, limited, ln, smaller};
+use crate::real::{abs, exp, is_probability, larger, limited, ln, smaller};
 use crate::snapshot::{stored, written};
 
 /// How the channel memory follows what it hears.
@@ -381,6 +381,16 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
     /// Whether it was told what no radio can know.
     pub fn is_full_band(&self) -> bool {
         self.full_band
+    }
+
+    /// Whether finite numbers are what they may be.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.direct.iter().chain(&self.virtual_anchors).all(|row| {
+            row.paths >= 0.0
+                && is_probability(row.visibility)
+                && is_probability(row.lasting)
+                && is_probability(row.unseen)
+        }) && self.heard.iter().flatten().all(|frames| *frames >= 0.0)
     }
 
     /// Forgets the virtual anchor in `slot`.

@@ -7,7 +7,7 @@ use crate::model::detection::HIDDEN_DETECTION;
 use crate::model::measurement::Measurement;
 use crate::model::range::{LEAST_RADIUS2_M2, height_variance_m2};
 use crate::model::soft_update::{LEAST_WEIGHT, Moments};
-use crate::real::{TAU, exp, larger, limited, smaller, sqrt};
+use crate::real::{TAU, exp, is_probability, larger, limited, smaller, sqrt};
 use crate::snapshot::stored;
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
@@ -43,6 +43,20 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
+    /// Whether its list is within its memory.
+    pub fn fits(&self) -> bool {
+        self.hypotheses.len() <= HYPOTHESES
+    }
+
+    /// Whether finite numbers are what they may be.
+    pub fn is_sound(&self) -> bool {
+        is_probability(self.existence)
+            && self.hypotheses.iter().all(|own| {
+                let [aa, _, rr] = own.covariance;
+                is_probability(own.weight) && own.radius_m >= 0.0 && aa >= 0.0 && rr >= 0.0
+            })
+    }
+
     /// A ring of hypotheses around the tag, each as wide along the ring as half its share of it.
     pub fn ring(viewpoint: &Viewpoint, measurement: &Measurement, existence: f32) -> Self {
         let slant = measurement.range_m - viewpoint.bias_m;

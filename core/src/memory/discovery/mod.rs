@@ -168,6 +168,16 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         self.candidates.iter_mut().for_each(Vec::clear);
     }
 
+    /// Whether lists are within their memory.
+    pub(crate) fn fits(&self) -> bool {
+        self.candidates.iter().all(|own| own.len() <= CANDIDATES && own.iter().all(Candidate::fits))
+    }
+
+    /// Whether finite numbers are what they may be.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.candidates.iter().flatten().all(Candidate::is_sound)
+    }
+
     /// The state filter has predicted the agent by a step of the motion.
     pub fn predict(&mut self, before: &Agent, after: &Agent, step: &MotionStep) {
         if after.covariance.m11 + after.covariance.m22 > LOST_M2 {

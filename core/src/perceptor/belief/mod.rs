@@ -15,6 +15,7 @@
 
 pub mod anywhere;
 pub mod component;
+pub(crate) mod integrity;
 pub mod outage;
 pub mod proposal;
 pub mod reduction;

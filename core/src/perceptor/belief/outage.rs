@@ -5,7 +5,7 @@
 //! them ([`crate::perceptor::association::outage`]).
 
 use super::BeliefSettings;
-use crate::real::exp;
+use crate::real::{exp, is_probability};
 use crate::snapshot::{Blank, Reader, Sink, SnapshotError, Stored, Written};
 
 /// Probability of an outage, by anchor.
@@ -36,6 +36,11 @@ impl<const ANCHORS: usize> Outages<ANCHORS> {
         if let Some(own) = self.0.get_mut(anchor) {
             *own = probability;
         }
+    }
+
+    /// Whether they are probabilities.
+    pub(super) fn is_sound(&self) -> bool {
+        self.0.into_iter().all(is_probability)
     }
 
     /// Mixes others in, with this share.

@@ -2,6 +2,7 @@
 
 use crate::model::observation::Complex;
 use crate::real::{floor, sin};
+use crate::snapshot::written;
 
 /// Mathematics: taps of the windowed sinc.
 pub const TAPS: usize = 16;
@@ -106,6 +107,8 @@ fn sum<'a>(terms: impl Iterator<Item = (&'a Complex, f32)>) -> Complex {
     }
     total
 }
+
+written!(Interpolation { kernels });
 
 #[cfg(test)]
 mod tests {

@@ -269,6 +269,18 @@ written!(EstimatorSettings {
     begins_with_path
 });
 
+written!(ChannelEstimator<const PATHS> {
+    pulse,
+    table,
+    interpolation,
+    sample_spacing_s,
+    profile,
+    threshold,
+    magnitude_threshold,
+    beginning_threshold,
+    settings
+});
+
 #[cfg(test)]
 mod tests {
     use super::*;

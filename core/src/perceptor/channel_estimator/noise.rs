@@ -16,6 +16,7 @@
 
 use super::EstimatorSettings;
 use crate::real::{exp, larger, smaller, sqrt};
+use crate::snapshot::written;
 
 /// Mathematics: rise time of a profile's soft onset, and grid step over which the fit takes the level as constant (a cell),
 /// decay times.
@@ -539,6 +540,8 @@ pub(super) fn white_level<I: Iterator<Item = f32>>(powers: impl Fn() -> I, sampl
 pub(super) fn level_floor(strongest: f32) -> f32 {
     larger(strongest * 1e-12, 1e-30)
 }
+
+written!(Profile { decay_s, rise_s });
 
 #[cfg(test)]
 mod tests {
