@@ -70,11 +70,13 @@ enum Fault {
     OtherBits,
 }
 
-/// The tracker as it is switched on. Firmware has it in a static, built in place: docs/firmware.md.
+/// The tracker as it is switched on. Firmware has it in a static, and starts it there: docs/firmware.md.
 fn switched_on() -> Result<TagTracker, Error> {
     let mut config = Config::pedestrian(RADIO);
     config.start.position_m = [4.0, 3.0];
-    TagTracker::new(config, &ANCHORS, &MAP, RADIO.library(), 1)
+    let mut tracker = TagTracker::new();
+    tracker.start(&config, &ANCHORS, &MAP, RADIO.library(), 1)?;
+    Ok(tracker)
 }
 
 /// What an exchange with one anchor makes of the tracker. A frame that is refused has changed nothing: the range counts all the same.

@@ -32,7 +32,8 @@ fn run() -> Result<f32, Error> {
     config.discovery = false;
     // One channel, and nothing to choose.
     let actions = RadioPreset::Dw1000.library().get(..1).unwrap_or_default();
-    let mut tracker = TagTracker::new(config, &ANCHORS, &Map::default(), actions, 1)?;
+    let mut tracker = TagTracker::new();
+    tracker.start(&config, &ANCHORS, &Map::default(), actions, 1)?;
 
     let mut noise = Noise(1);
     let mut error_m = 0.0;

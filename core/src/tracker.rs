@@ -13,9 +13,10 @@ mod store;
 mod values;
 
 use self::stages::{
-    Explained, Heard, Outcomes, hear, look_beside, look_through, propose_places, reader, remember, revise_map,
+    Claimed, Explained, Heard, act, conclude, hear, look_beside, look_through, propose_places, reader,
+    remember, revise_map,
 };
-use self::values::{Known, Place, Seen, Told, leader_view, planning_state, walls_now};
+use self::values::{Known, Place, Told, leader_view, planning_state, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -32,6 +33,7 @@ use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::observer::{Observer, Stage};
+use crate::perceptor::association::outcome::Outcomes;
 use crate::perceptor::belief::component::{LEAPT, apart};
 use crate::perceptor::belief::{BeliefSettings, TagBelief};
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
@@ -75,10 +77,22 @@ pub struct Tracker<
     last_heard: Agent,
     /// Where the antenna in use is on the body of the tag: ahead of its centre and to its left, metres.
     lever_arm_m: [f32; 2],
-    /// The cycle begun and not finished.
-    begun: Option<Begun<ANCHORS>>,
+    phase: Phase,
+    /// The cycle begun.
+    begun: Begun<ANCHORS>,
     /// What was received in it.
     scans: Scans<ANCHORS, PATHS>,
+}
+
+/// What a tracker can do next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// It is empty: be started.
+    Empty,
+    /// Begin a cycle.
+    Between,
+    /// Receive, and finish the cycle.
+    Begun,
 }
 
 /// A cycle that was begun.
@@ -87,6 +101,10 @@ struct Begun<const ANCHORS: usize> {
     elapsed_s: f32,
     tag_height: Option<TagHeight>,
     delivered: Delivered<ANCHORS>,
+}
+
+impl<const ANCHORS: usize> Begun<ANCHORS> {
+    const NONE: Self = Self { elapsed_s: 0.0, tag_height: None, delivered: Delivered::NONE };
 }
 
 impl<
@@ -103,7 +121,7 @@ impl<
     /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
     ///
     /// # Errors
-    /// [`Error::NotBegun`]; nothing has changed then.
+    /// [`Error::NotBegun`] or [`Error::NotStarted`]; nothing has changed then.
     pub fn finish(&mut self) -> Result<CycleReport, Error> {
         self.finish_observed(&mut ())
     }
@@ -111,14 +129,16 @@ impl<
     /// [`Self::finish`], watched by an observer.
     ///
     /// # Errors
-    /// [`Error::NotBegun`]; nothing has changed then.
+    /// [`Error::NotBegun`] or [`Error::NotStarted`]; nothing has changed then.
     // Kept apart, as its stages are, so that each reuses the stack of the one before.
     #[inline(never)]
     pub fn finish_observed(
         &mut self,
         observer: &mut impl Observer<SOURCES, PATHS>,
     ) -> Result<CycleReport, Error> {
-        let Begun { elapsed_s, tag_height, .. } = self.begun.take().ok_or(Error::NotBegun)?;
+        self.check_begun()?;
+        self.phase = Phase::Between;
+        let Begun { elapsed_s, tag_height, .. } = self.begun;
         let Self {
             config,
             anchors,
@@ -137,6 +157,7 @@ impl<
             cycle,
             last_heard,
             lever_arm_m,
+            phase: _,
             begun: _,
             scans,
         } = self;
@@ -169,7 +190,8 @@ impl<
                 belief.enter(place);
             }
         }
-        let mut outcomes = Outcomes::new();
+        let mut outcomes = Outcomes::none();
+        let mut claimed = Claimed::new();
         let mut explained = Explained::default();
         for scan in scans.iter() {
             let view = leader_view(&told, belief.leader(), clutter, scan.anchor);
@@ -177,7 +199,7 @@ impl<
             let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
             let surroundings = (&*plan, walls);
             let reader = reader(&told, receiver, clutter, scan);
-            let outcome = hear(
+            let heard = hear(
                 belief,
                 &told,
                 environment,
@@ -186,24 +208,26 @@ impl<
                 &lateness.of(scan.anchor),
                 surroundings,
                 (scan, reader.as_ref()),
-                claims,
+                &claims.totals(),
                 &mut outcomes,
+                |outcome| {
+                    let expected = &outcome.expected;
+                    observer.expectations(scan.anchor, &expected.direct, &expected.virtual_anchors);
+                    observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
+                    explained = explained.with(outcome);
+                },
             );
-            let Some(outcome) = outcome else { continue };
-            observer.expectations(scan.anchor, &outcome.expected.direct, &outcome.expected.virtual_anchors);
-            observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
-            explained = explained.with(outcome);
+            if heard.is_some() {
+                // As many as scans: the push succeeds.
+                let _ = claimed.push(claims);
+            }
         }
 
         observer.stage(Stage::Update);
         let was_searching = belief.is_searching();
         if is_heard {
             belief.explain(explained.strong, explained.known);
-            let barrier = &walls_now(plan, belief.leader(), environment, bar, |_| 0.0);
-            belief.conclude(
-                |from_m, to_m, std_m| barrier.paths(from_m, to_m, std_m).direct(),
-                |place_m, std_m| plan.inside(place_m, std_m),
-            );
+            conclude(belief, environment, plan, bar);
         } else {
             belief.sum_up(silent_s);
         }
@@ -238,7 +262,7 @@ impl<
 
         observer.stage(Stage::Discover);
         let map = if is_sure {
-            revise_map(belief, environment, channel, discovery, clutter, &told, &outcomes)
+            revise_map(belief, environment, channel, discovery, clutter, &told, &outcomes, &claimed)
         } else {
             MapChanges::default()
         };
@@ -250,17 +274,8 @@ impl<
         let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
         let filter = belief.leader();
         let known = Known { filter, environment, channel, plan, walls };
-        let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(&told, Place::of(&posterior)));
-        let decision = controllers.decide(
-            earned,
-            searching,
-            |anchor| belief.is_lost(anchor),
-            scans,
-            &state,
-            seen.iter(),
-            channel,
-            library,
-        );
+        let is_lost = |anchor| belief.is_lost(anchor);
+        let decision = act(controllers, &known, &told, earned, (searching, is_lost), scans, &state);
 
         // While the tag is looked for, nothing is associated with certainty.
         let heard = if searching { Heard::default() } else { Heard::of(&outcomes) };
@@ -318,8 +333,8 @@ mod tests {
         let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 0.3 };
         let config = Config { start, ..Config::default() };
         let library = &LIBRARY_PUBLISHED;
-        let mut tracker =
-            Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new(config, &anchors, &Map::default(), library, 1).unwrap();
+        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new();
+        tracker.start(&config, &anchors, &Map::default(), library, 1).unwrap();
         let mut hear = |[x, y]: [f32; 2]| {
             let ranges =
                 places_m.map(|[ax, ay]| [Range { range_m: (x - ax).hypot(y - ay), variance_m2: 4e-4 }]);
@@ -342,9 +357,8 @@ mod tests {
         let anchors = places_m.map(|position_m| Anchor { position_m, height_m: 0.0 });
         let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 1.0 };
         let config = Config { start, ..Config::default() };
-        let mut tracker =
-            Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new(config, &anchors, &Map::default(), &LIBRARY_PUBLISHED, 1)
-                .unwrap();
+        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new();
+        tracker.start(&config, &anchors, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
         for cycle in 1..=50_u8 {
             let walked_s = 0.1 * f32::from(cycle);
             let [x, y] = [2.0 + 0.8 * walked_s, 2.0 + 0.3 * walked_s];

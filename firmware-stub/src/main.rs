@@ -15,14 +15,13 @@ use cogmint_board::{FRAMES, Once, SAMPLES};
 use cogmint_core::Tracker;
 use cogmint_core::model::observation::Complex;
 use core::cell::UnsafeCell;
-use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 
 /// Capacity of the reference size: 2 anchors, 8 surfaces, 24 sources, 32 segments, 16 paths, 40 actions, 8 components,
 /// 800 points of what paths leave of a frame.
 type BoardTracker = Tracker<2, 8, 24, 32, 16, 40, 8, 800>;
 
-static TRACKER: Once<MaybeUninit<BoardTracker>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
+static TRACKER: Once<BoardTracker> = Once(UnsafeCell::new(Tracker::new()));
 
 #[entry]
 fn main() -> ! {
@@ -31,29 +30,21 @@ fn main() -> ! {
     host::end(replay(tracker, samples))
 }
 
-/// Constructs the tracker where it stays; how many cycles follow. Apart from the replay, whose stack the set-up and the
-/// temporaries of the construction would take.
+/// Starts the tracker; how many cycles follow. Apart from the replay, whose stack the set-up would take.
 #[inline(never)]
-fn build<'a>(
-    slot: &'a mut MaybeUninit<BoardTracker>,
-    feed: &mut Feed,
-) -> Result<(&'a mut BoardTracker, u32), Fault> {
+fn start(tracker: &mut BoardTracker, feed: &mut Feed) -> Result<u32, Fault> {
     let setup = feed.setup().ok_or(Fault(b"error malformed feed\n"))?;
-    let tracker = match Tracker::untold(setup.config, &setup.anchors, &setup.actions, setup.seed) {
-        Ok(tracker) => slot.write(tracker),
-        Err(_) => return Err(Fault(b"error refused set-up\n")),
-    };
-    match tracker.tell(&setup.map()) {
-        Ok(()) => Ok((tracker, setup.cycles)),
-        Err(_) => Err(Fault(b"error refused map\n")),
-    }
+    tracker
+        .start(&setup.config, &setup.anchors, &setup.map(), &setup.actions, setup.seed)
+        .map_err(|_| Fault(b"error refused set-up\n"))?;
+    Ok(setup.cycles)
 }
 
 /// Replays the whole feed.
-fn replay(slot: &mut MaybeUninit<BoardTracker>, samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
+fn replay(tracker: &mut BoardTracker, samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
     let mut feed = Feed::open().ok_or(Fault(b"error no feed\n"))?;
-    let (tracker, cycles) = build(slot, &mut feed)?;
-    Line::new().text(b"constructor stack ").decimal(stack::deepest_from_reset()?).end();
+    let cycles = start(tracker, &mut feed)?;
+    Line::new().text(b"start stack ").decimal(stack::deepest_from_reset()?).end();
     for cycle in 0..cycles {
         let input = feed.cycle(samples).ok_or(Fault(b"error malformed cycle\n"))?;
         let observations = input.observations(samples);

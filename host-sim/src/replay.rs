@@ -284,12 +284,15 @@ impl Setup {
         self.build()
     }
 
-    /// Builds a tracker where the stack has room for it.
+    /// Starts a tracker that was made where the stack has room for it.
     fn build<const A: usize, const S: usize, const C: usize, const P: usize>(
         &self,
     ) -> Result<Box<AnyTracker<A, S, C, P>>, Error> {
-        let build =
-            || Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed).map(Box::new);
+        let build = || {
+            let mut tracker = Box::new(Tracker::new());
+            tracker.start(&self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;
+            Ok(tracker)
+        };
         std::thread::scope(|scope| {
             let builder = std::thread::Builder::new().stack_size(BUILDING_STACK_BYTES);
             match builder.spawn_scoped(scope, build) {

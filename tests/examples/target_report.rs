@@ -31,10 +31,10 @@ struct Report {
     /// All static variables, the frame buffer among them.
     static_bytes: u64,
     tracker_bytes: u64,
-    /// The deepest stack from reset on, construction included.
+    /// The deepest stack from reset on, start included.
     stack_bytes: u64,
-    /// The same until the tracker was constructed.
-    constructor_stack_bytes: u64,
+    /// The same until the tracker was started.
+    start_stack_bytes: u64,
     frame_buffer_bytes: u64,
     flash_bytes: u64,
     panic_symbols: usize,
@@ -217,7 +217,7 @@ struct Cycles {
     hashes: Vec<String>,
     /// Instructions of every cycle.
     per_stage: Vec<[u64; STAGES.len()]>,
-    constructor_stack_bytes: u64,
+    start_stack_bytes: u64,
     stack_bytes: u64,
     tracker_bytes: u64,
     frame_buffer_bytes: u64,
@@ -227,7 +227,7 @@ impl Cycles {
     fn read(log: &str) -> Result<Self, Box<dyn Error>> {
         let mut hashes = Vec::new();
         let mut per_stage: Vec<[u64; STAGES.len()]> = Vec::new();
-        let mut constructor_stack_bytes = 0;
+        let mut start_stack_bytes = 0;
         let mut end = None;
         for line in log.lines() {
             let words: Vec<&str> = line.split_whitespace().collect();
@@ -240,7 +240,7 @@ impl Cycles {
                     }
                     per_stage.push(row);
                 }
-                ["constructor", "stack", bytes] => constructor_stack_bytes = bytes.parse()?,
+                ["start", "stack", bytes] => start_stack_bytes = bytes.parse()?,
                 ["stack", stack, "tracker", tracker, "frames", frames] => {
                     end = Some((stack.parse()?, tracker.parse()?, frames.parse()?));
                 }
@@ -257,7 +257,7 @@ impl Cycles {
         Ok(Self {
             hashes,
             per_stage,
-            constructor_stack_bytes,
+            start_stack_bytes,
             stack_bytes,
             tracker_bytes,
             frame_buffer_bytes,
@@ -301,7 +301,7 @@ fn report() -> Result<bool, Box<dyn Error>> {
     let image = std::fs::read(value("--image")?)?;
     let host_hashes: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
 
-    let Cycles { hashes, per_stage, constructor_stack_bytes, stack_bytes, tracker_bytes, frame_buffer_bytes } =
+    let Cycles { hashes, per_stage, start_stack_bytes, stack_bytes, tracker_bytes, frame_buffer_bytes } =
         Cycles::read(&log)?;
     let first_difference = (0..hashes.len().max(host_hashes.len()))
         .find(|&n| hashes.get(n).map(String::as_str) != host_hashes.get(n).copied());
@@ -344,7 +344,7 @@ fn report() -> Result<bool, Box<dyn Error>> {
         static_bytes,
         tracker_bytes,
         stack_bytes,
-        constructor_stack_bytes,
+        start_stack_bytes,
         frame_buffer_bytes,
         flash_bytes,
         panic_symbols: panics.len(),
@@ -392,13 +392,13 @@ fn print(report: &Report) {
         report.flash_bytes, report.panic_symbols, report.heap_symbols
     );
     println!(
-        "largest cycle {} instructions; RAM: static variables {} (the tracker {}) + stack {} bytes (construction {}); frame \
+        "largest cycle {} instructions; RAM: static variables {} (the tracker {}) + stack {} bytes (start {}); frame \
          buffer beside it {} bytes",
         report.instructions_per_cycle_max,
         report.static_bytes - report.frame_buffer_bytes,
         report.tracker_bytes,
         report.stack_bytes,
-        report.constructor_stack_bytes,
+        report.start_stack_bytes,
         report.frame_buffer_bytes
     );
     println!(
@@ -445,7 +445,7 @@ fn print(report: &Report) {
 mod tests {
     use super::*;
 
-    const CYCLE: &str = "constructor stack 70\ncycle 0 hash 8090 1 2 3 4 5 6 7 700000000000\n";
+    const CYCLE: &str = "start stack 70\ncycle 0 hash 8090 1 2 3 4 5 6 7 700000000000\n";
 
     #[test]
     fn a_run_that_came_to_its_end_gives_its_figures() {

@@ -71,8 +71,8 @@ const ENTRIES: [&str; 13] = [
     "receive_observed",
     "restore",
     "restrict",
+    "start",
     "switch_antenna",
-    "tell",
     "tell_channel",
 ];
 

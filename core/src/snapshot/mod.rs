@@ -42,6 +42,8 @@ pub enum SnapshotError {
     },
     /// A cycle is begun and not finished.
     Begun,
+    /// The tracker is not started.
+    NotStarted,
     /// It is no snapshot, or is cut short.
     Foreign,
     /// It is of another version.
@@ -60,6 +62,7 @@ impl fmt::Display for SnapshotError {
         match self {
             Self::Room { needed } => write!(f, "the snapshot takes {needed} bytes"),
             Self::Begun => write!(f, "a cycle is begun and not finished"),
+            Self::NotStarted => write!(f, "the tracker is not started"),
             Self::Foreign => write!(f, "no snapshot, or cut short"),
             Self::Version { found } => write!(f, "a snapshot of version {found}, not {VERSION}"),
             Self::Told => write!(f, "a snapshot of a tracker that was told something else"),

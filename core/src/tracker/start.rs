@@ -1,14 +1,64 @@
 //! What is told before the start: virtual anchors and a plan become surfaces and sources.
 
 use crate::config::Config;
+use crate::error::{Error, Setting};
 use crate::memory::environment::{EnvironmentMemory, Origin, TOLD};
 use crate::model::anchor::{Anchor, MappedVirtualAnchor};
 use crate::model::image::Sequence;
 use crate::model::listing::{Listed, list};
-use crate::model::plan::{FloorPlan, Plan, Wall};
+use crate::model::plan::{FloorPlan, Map, Plan, Wall};
 use crate::model::surface::Surface;
 use crate::perceptor::state_filter::StateFilter;
+use crate::radio::library::{Action, Library};
+use heapless::Vec;
 use nalgebra::Vector2;
+
+/// Checks and keeps what is told, and returns the first action; there are so many surfaces and sources.
+///
+/// # Errors
+/// The first value out of range; what is kept means nothing then.
+#[inline(never)]
+pub(super) fn take_in<const ANCHORS: usize, const SEGMENTS: usize, const ACTIONS: usize>(
+    config: &Config,
+    anchors: &[Anchor],
+    map: &Map<'_>,
+    actions: &[Action],
+    (surfaces, sources): (usize, usize),
+    (kept, plan, library): (&mut Vec<Anchor, ANCHORS>, &mut FloorPlan<SEGMENTS>, &mut Library<ACTIONS>),
+) -> Result<Action, Error> {
+    kept.clear();
+    plan.clear();
+    config.validate()?;
+    library.start(actions)?;
+    let Some(first) = library.get(config.controller.first_action) else {
+        return Err(Error::Configuration(Setting::FirstAction));
+    };
+    if config.controller.rendezvous.is_some_and(|rendezvous| library.get(rendezvous).is_none()) {
+        return Err(Error::Configuration(Setting::Rendezvous));
+    }
+    if anchors.is_empty() {
+        return Err(Error::AnchorCount { given: 0, limit: ANCHORS });
+    }
+    for (index, anchor) in anchors.iter().enumerate() {
+        anchor.check(index)?;
+        kept.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
+    }
+    if config.has_heading && surfaces == 0 {
+        return Err(Error::Configuration(Setting::Heading));
+    }
+    let given = map.virtual_anchors.len();
+    let limit = surfaces.saturating_sub(usize::from(config.has_heading)).min(sources);
+    if given > limit {
+        return Err(Error::VirtualAnchorCount { given, limit });
+    }
+    for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
+        mapped.check(slot, anchors.len())?;
+    }
+    if let Some(told) = &map.plan {
+        plan.keep(told)?;
+    }
+    Ok(*first)
+}
 
 /// Enters the heading of the tag's body, in the last slot: no surface of the map takes its place.
 #[inline(never)]

@@ -1,7 +1,7 @@
 //! What a tracker is told between cycles, and what can be read of its state.
 
 use super::values::{Known, Place, Told, planning_state, walls_now};
-use super::{Begun, Tracker};
+use super::{Begun, Phase, Tracker};
 use crate::application::waypoint::{WaypointChoice, WaypointError, WaypointSettings, choose_waypoint};
 use crate::config::Config;
 use crate::controller::Controller;
@@ -268,8 +268,8 @@ impl<
             hash.word(u32::from(last.is_some()));
             hash.word(last.unwrap_or(0));
         }
-        if let Some(begun) = &self.begun {
-            self.hash_begun(begun, &mut hash);
+        if self.phase == Phase::Begun {
+            self.hash_begun(&self.begun, &mut hash);
         }
         hash.value()
     }

@@ -1,6 +1,6 @@
 //! A tracker's state as bytes: see [`crate::snapshot`].
 
-use super::Tracker;
+use super::{Phase, Tracker};
 use crate::snapshot::{self, Digest, SnapshotError, Written, stored};
 
 impl<
@@ -17,11 +17,9 @@ impl<
     /// Writes the state between two cycles; the length of the snapshot, bytes. With no buffer, the error tells that length.
     ///
     /// # Errors
-    /// [`SnapshotError::Begun`]; [`SnapshotError::Room`], and nothing is written then.
+    /// [`SnapshotError::Begun`], [`SnapshotError::NotStarted`]; [`SnapshotError::Room`], and nothing is written then.
     pub fn snapshot(&self, buffer: &mut [u8]) -> Result<usize, SnapshotError> {
-        if self.begun.is_some() {
-            return Err(SnapshotError::Begun);
-        }
+        self.check_between()?;
         snapshot::write(self.digest(), self, buffer)
     }
 
@@ -30,10 +28,16 @@ impl<
     /// # Errors
     /// Any but [`SnapshotError::Room`]; nothing has changed then.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), SnapshotError> {
-        if self.begun.is_some() {
-            return Err(SnapshotError::Begun);
-        }
+        self.check_between()?;
         snapshot::read(self.digest(), self, bytes)
+    }
+
+    fn check_between(&self) -> Result<(), SnapshotError> {
+        match self.phase {
+            Phase::Empty => Err(SnapshotError::NotStarted),
+            Phase::Begun => Err(SnapshotError::Begun),
+            Phase::Between => Ok(()),
+        }
     }
 
     /// Digest of what the tracker was told, actions that it may choose ([`Self::restrict`]) among it, and of its capacities: equal for
@@ -62,5 +66,5 @@ stored!(
         lever_arm_m
     }
     // Between two cycles nothing is begun.
-    told { config, anchors, plan, library, map, begun, scans }
+    told { config, anchors, plan, library, map, phase, begun, scans }
 );

@@ -56,6 +56,11 @@ pub struct DiscoverySettings {
     pub resolved_weight: f32,
 }
 
+impl DiscoverySettings {
+    /// Those of a tracker that is not started.
+    pub(crate) const NONE: Self = Self { begin_below_m: 0.0, resolved_hits: 0, resolved_weight: 0.0 };
+}
+
 impl Default for DiscoverySettings {
     fn default() -> Self {
         Self { begin_below_m: 0.05, resolved_hits: 8, resolved_weight: 0.9995 }
@@ -154,8 +159,14 @@ impl<const PATHS: usize> Claims<PATHS> {
 
 impl<const ANCHORS: usize> Discovery<ANCHORS> {
     /// No candidates.
-    pub fn new(settings: DiscoverySettings) -> Self {
-        Self { settings, candidates: core::array::from_fn(|_| Vec::new()) }
+    pub const fn new(settings: DiscoverySettings) -> Self {
+        Self { settings, candidates: [const { Vec::new() }; ANCHORS] }
+    }
+
+    /// As [`Self::new`], where it stays.
+    pub fn start(&mut self, settings: DiscoverySettings) {
+        self.settings = settings;
+        self.clear();
     }
 
     /// Number of candidates of an anchor.
