@@ -22,7 +22,7 @@ const NOISE_M: f32 = 0.07;
 
 /// 3 anchors; the least of what frames and plans take: 1 surface, 1 source, 1 segment, 2 ranges per anchor, 2 channels; 4 components of the
 /// belief; no points.
-type TagTracker = Tracker<3, 1, 1, 1, 2, 2, 4, 0>;
+type TagTracker = Tracker<3, 1, 1, 1, 2, 2, 4, 0, 0>;
 
 /// The error after ten seconds of a walk, metres.
 fn run() -> Result<f32, Error> {

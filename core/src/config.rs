@@ -393,7 +393,7 @@ mod tests {
 
     const PLACES_M: [[f32; 2]; 4] = [[0.3, 0.2], [9.7, 0.4], [9.6, 7.7], [0.2, 7.8]];
 
-    fn tracker(config: Config, preset: RadioPreset) -> Result<Tracker<4, 2, 2, 1, 4, 40, 8, 0>, Error> {
+    fn tracker(config: Config, preset: RadioPreset) -> Result<Tracker<4, 2, 2, 1, 4, 40, 8, 0, 6>, Error> {
         let anchors = PLACES_M.map(|position_m| Anchor { position_m, height_m: 0.0 });
         let mut tracker = Tracker::new();
         tracker.start(&config, &anchors, &Map::default(), preset.library(), 1)?;

@@ -34,7 +34,7 @@
 //! // Room for 2 anchors, 24 surfaces, 24 sources, 32 segments of walls, 16 paths, 40 actions and 8 components of the
 //! // belief; no points of residuals, as there are ranges alone; no plan is told.
 //! let map = Map::default();
-//! let mut tracker = Tracker::<2, 24, 24, 32, 16, 40, 8, 0>::new();
+//! let mut tracker = Tracker::<2, 24, 24, 32, 16, 40, 8, 0, 6>::new();
 //! tracker.start(&config, &anchors, &map, &LIBRARY_PUBLISHED, 1)?;
 //! let ranges = [Range { range_m: 2.65, variance_m2: 1e-4 }];
 //! let report = tracker.cycle(&[Observation::Ranges(RangeScan { anchor: 0, ranges: &ranges })], 0.1, None)?;

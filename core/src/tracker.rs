@@ -13,10 +13,10 @@ mod store;
 mod values;
 
 use self::stages::{
-    Claimed, Explained, Heard, act, conclude, hear, look_beside, look_through, propose_places, reader,
+    Claimed, Explained, Heard, act, claim, conclude, hear, look_beside, look_through, propose_places, reader,
     remember, revise_map,
 };
-use self::values::{Known, Place, Told, leader_view, planning_state, walls_now};
+use self::values::{Known, Place, Told, leader_view, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -43,7 +43,8 @@ use heapless::Vec;
 
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
 /// (and corners of the outline), paths per anchor, actions, components of the belief, and points (a byte each, about four per pulse
-/// duration) of what paths leave of the frames of an anchor. Without points, frames are read no further than to their paths.
+/// duration) of what paths leave of the frames of an anchor, and candidates for virtual anchors that no plan told of, per anchor. Without
+/// points, frames are read no further than to their paths; without candidates, no virtual anchors are looked for.
 #[derive(Clone, Debug)]
 pub struct Tracker<
     const ANCHORS: usize,
@@ -54,6 +55,7 @@ pub struct Tracker<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
+    const CANDIDATES: usize,
 > {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
@@ -64,7 +66,7 @@ pub struct Tracker<
     belief: TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: EnvironmentMemory<SURFACES, SOURCES>,
     transmission: TransmissionMemory<SEGMENTS>,
-    discovery: Discovery<ANCHORS>,
+    discovery: Discovery<ANCHORS, CANDIDATES>,
     clutter: ClutterMemory<ANCHORS>,
     lateness: LatenessMemory<ANCHORS>,
     channel: ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
@@ -116,7 +118,8 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
     ///
@@ -191,12 +194,12 @@ impl<
             }
         }
         let mut outcomes = Outcomes::none();
-        let mut claimed = Claimed::new();
+        let mut claimed = Claimed::<ANCHORS, PATHS, CANDIDATES>::new();
         let mut explained = Explained::default();
         for scan in scans.iter() {
             let view = leader_view(&told, belief.leader(), clutter, scan.anchor);
             let Some((viewpoint, background)) = view else { continue };
-            let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
+            let claims = claim(discovery, scan, &viewpoint, &background, &mut claimed);
             let surroundings = (&*plan, walls);
             let reader = reader(&told, receiver, clutter, scan);
             let heard = hear(
@@ -208,7 +211,7 @@ impl<
                 &lateness.of(scan.anchor),
                 surroundings,
                 (scan, reader.as_ref()),
-                &claims.totals(),
+                &claims,
                 &mut outcomes,
                 |outcome| {
                     let expected = &outcome.expected;
@@ -217,9 +220,9 @@ impl<
                     explained = explained.with(outcome);
                 },
             );
-            if heard.is_some() {
-                // As many as scans: the push succeeds.
-                let _ = claimed.push(claims);
+            if heard.is_none() {
+                // It has no outcome.
+                claimed.pop();
             }
         }
 
@@ -271,11 +274,18 @@ impl<
         let posterior = belief.leader().agent();
         let earned =
             reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
-        let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
         let filter = belief.leader();
         let known = Known { filter, environment, channel, plan, walls };
         let is_lost = |anchor| belief.is_lost(anchor);
-        let decision = act(controllers, &known, &told, earned, (searching, is_lost), scans, &state);
+        let decision = act(
+            controllers,
+            &known,
+            &told,
+            earned,
+            (searching, is_lost),
+            scans,
+            (receiver.threshold(), elapsed_s),
+        );
 
         // While the tag is looked for, nothing is associated with certainty.
         let heard = if searching { Heard::default() } else { Heard::of(&outcomes) };
@@ -333,7 +343,7 @@ mod tests {
         let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 0.3 };
         let config = Config { start, ..Config::default() };
         let library = &LIBRARY_PUBLISHED;
-        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new();
+        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0, 6>::new();
         tracker.start(&config, &anchors, &Map::default(), library, 1).unwrap();
         let mut hear = |[x, y]: [f32; 2]| {
             let ranges =
@@ -357,7 +367,7 @@ mod tests {
         let anchors = places_m.map(|position_m| Anchor { position_m, height_m: 0.0 });
         let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 1.0 };
         let config = Config { start, ..Config::default() };
-        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new();
+        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0, 6>::new();
         tracker.start(&config, &anchors, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
         for cycle in 1..=50_u8 {
             let walked_s = 0.1 * f32::from(cycle);

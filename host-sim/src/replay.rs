@@ -3,6 +3,7 @@
 use crate::input_error::InputError;
 use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
 use crate::told_plan::ToldPlan;
+use cogmint_core::memory::discovery::USUAL_CANDIDATES;
 use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::observer::Observer;
 use cogmint_core::radio::library::Action;
@@ -40,7 +41,7 @@ pub const POINTS: usize = 8192;
 
 /// A tracker of so many anchors, surfaces, components and points.
 pub type AnyTracker<const A: usize, const S: usize, const C: usize, const P: usize> =
-    Tracker<A, S, SOURCES, SEGMENTS, PATHS, ACTIONS, C, P>;
+    Tracker<A, S, SOURCES, SEGMENTS, PATHS, ACTIONS, C, P, USUAL_CANDIDATES>;
 /// The tracker of the target.
 pub type TargetTracker = AnyTracker<SMALL_ANCHORS, TARGET_SURFACES, TARGET_COMPONENTS, TARGET_POINTS>;
 /// The tracker for up to two anchors.

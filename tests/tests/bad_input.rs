@@ -13,7 +13,7 @@ use cogmint_core::{
     Tracker,
 };
 
-type Small = Tracker<2, 4, 4, 4, 8, 40, 8, 800>;
+type Small = Tracker<2, 4, 4, 4, 8, 40, 8, 800, 6>;
 
 const ANCHORS: [Anchor; 2] =
     [Anchor { position_m: [0.5, 7.0], height_m: 1.0 }, Anchor { position_m: [5.2, 3.2], height_m: 1.0 }];

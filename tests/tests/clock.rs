@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-type Small = Tracker<4, 4, 4, 1, 8, 1, 16, 800>;
+type Small = Tracker<4, 4, 4, 1, 8, 1, 16, 800, 6>;
 
 const ANCHORS: [Anchor; 4] = [
     Anchor { position_m: [0.0, 0.0], height_m: 2.5 },

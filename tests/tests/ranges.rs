@@ -134,7 +134,7 @@ fn core_and_reference_agree_in_every_bit() {
 
 #[test]
 fn an_antenna_beside_the_centre_needs_a_heading() {
-    type Small = Tracker<1, 2, 2, 2, 4, 2, 2, 0>;
+    type Small = Tracker<1, 2, 2, 2, 4, 2, 2, 0, 6>;
     let anchors = [Anchor { position_m: [0.0, 0.0], height_m: 0.0 }];
     let library = &cogmint_core::radio::library::LIBRARY_DW3000;
     let mut plain = Small::new();

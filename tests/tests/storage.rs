@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::{
 };
 use two_slots::{StorageError, TwoSlots};
 
-type SmallTracker = Tracker<2, 1, 2, 1, 2, 2, 2, 0>;
+type SmallTracker = Tracker<2, 1, 2, 1, 2, 2, 2, 0, 6>;
 
 /// Where the slots are, and how long they are, bytes.
 const BEGIN: u32 = 4096;

@@ -280,7 +280,7 @@ fn frames_of_unequal_pulses_give_the_same_bits_in_any_order() {
     config.controller.choice.exploration_per_s = 5.0;
     config.start.position_m = [4.0, 3.0];
     let new = || {
-        let mut tracker = Tracker::<2, 4, 4, 1, 8, 3, 8, 800>::new();
+        let mut tracker = Tracker::<2, 4, 4, 1, 8, 3, 8, 800, 6>::new();
         tracker.start(&config, &anchors, &Map::default(), &actions, 5).unwrap();
         tracker
     };

@@ -1,6 +1,6 @@
 //! The ways in: construction, a whole cycle at once, and a cycle by its observations.
 
-use super::start::{enter_heading, enter_plan, enter_virtual_anchors, take_in};
+use super::start::{broken_bound, enter_heading, enter_plan, enter_virtual_anchors, take_in};
 use super::{Begun, Phase, Tracker};
 use crate::config::{Config, ControllerSettings};
 use crate::controller::{Controller, Controllers};
@@ -33,12 +33,30 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
+    /// Does not compile where a capacity is out of its bounds, and says which.
+    #[allow(clippy::panic)] // of the compiler
+    const BOUNDS: () = {
+        let broken = broken_bound(ANCHORS, SURFACES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS);
+        if let Some(bound) = broken {
+            panic!("{}", bound);
+        }
+    };
+
     /// An empty tracker, to be started where it stays: of a static, all zeros, which take no flash.
+    ///
+    /// Capacities out of their bounds do not compile, and the error names the bound:
+    ///
+    /// ```compile_fail,E0080
+    /// // PATHS is above 32: sets of paths have 32 bits
+    /// static TRACKER: cogmint_core::Tracker<1, 1, 1, 1, 33, 1, 1, 0, 0> = cogmint_core::Tracker::new();
+    /// ```
     #[inline(always)] // built where it stays
     #[allow(clippy::new_without_default)] // a default is made on the stack
     pub const fn new() -> Self {
+        let () = Self::BOUNDS;
         Self {
             config: Config::NONE,
             anchors: Vec::new(),

@@ -1,12 +1,13 @@
 //! The stages of a cycle that join the states of several blocks.
 
 use super::joining::join;
-use super::values::{Known, Place, Seen, Told, detections_anywhere, discovery_view, walls_now};
-use crate::controller::planning::PlanningState;
+use super::values::{
+    Known, Place, Seen, Told, detections_anywhere, discovery_view, planning_state, walls_now,
+};
 use crate::controller::{Controller, Controllers, Decision};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
-use crate::memory::discovery::{Claims, Discovery};
+use crate::memory::discovery::{Background, Claims, Discovery, Viewpoint};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
@@ -26,7 +27,8 @@ use crate::report::MapChanges;
 use heapless::Vec;
 
 /// What the candidates for new virtual anchors claim of every scan that has an outcome.
-pub(super) type Claimed<const ANCHORS: usize, const PATHS: usize> = Vec<Claims<PATHS>, ANCHORS>;
+pub(super) type Claimed<const ANCHORS: usize, const PATHS: usize, const CANDIDATES: usize> =
+    Vec<Claims<PATHS, CANDIDATES>, ANCHORS>;
 
 /// How much of the strong paths of a cycle is explained.
 #[derive(Clone, Copy, Debug, Default)]
@@ -81,6 +83,23 @@ impl Heard {
         heard.nis = innovation.mean();
         heard
     }
+}
+
+/// What an anchor's candidates claim of its scan, which becomes the last that is claimed; by how much they make each measurement more
+/// probable than clutter alone.
+#[inline(never)]
+pub(super) fn claim<const ANCHORS: usize, const PATHS: usize, const CANDIDATES: usize>(
+    discovery: &Discovery<ANCHORS, CANDIDATES>,
+    scan: &Scan<PATHS>,
+    viewpoint: &Viewpoint,
+    background: &Background,
+    claimed: &mut Claimed<ANCHORS, PATHS, CANDIDATES>,
+) -> [f32; PATHS] {
+    let claims = discovery.claim(scan.anchor, viewpoint, &scan.measurements, background);
+    let totals = claims.totals();
+    // As many as scans: the push succeeds.
+    let _ = claimed.push(claims);
+    totals
 }
 
 /// What reads the rest of the frame in a scan; `None` where that is not kept.
@@ -313,9 +332,11 @@ pub(super) fn act<
     earned: f32,
     (is_searching, is_lost): (bool, impl Fn(usize) -> bool),
     scans: &Scans<ANCHORS, PATHS>,
-    state: &PlanningState,
+    (threshold, elapsed_s): (f32, f32),
 ) -> Decision {
-    let place = Place::of(&known.filter.agent());
+    let agent = known.filter.agent();
+    let state = &planning_state(told.config, &agent, threshold, elapsed_s);
+    let place = Place::of(&agent);
     let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(told, place));
     controllers.decide(earned, is_searching, is_lost, scans, state, seen.iter(), known.channel, told.library)
 }
@@ -408,15 +429,16 @@ pub(super) fn revise_map<
     const PATHS: usize,
     const ACTIONS: usize,
     const COMPONENTS: usize,
+    const CANDIDATES: usize,
 >(
     belief: &mut TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
-    discovery: &mut Discovery<ANCHORS>,
+    discovery: &mut Discovery<ANCHORS, CANDIDATES>,
     clutter: &ClutterMemory<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
-    claimed: &Claimed<ANCHORS, PATHS>,
+    claimed: &Claimed<ANCHORS, PATHS, CANDIDATES>,
 ) -> MapChanges {
     let mut changes = MapChanges::default();
     let removed = environment.revise(|environment, slot| placed(told, environment, belief.leader(), slot));
@@ -424,7 +446,7 @@ pub(super) fn revise_map<
         take_out(belief, channel, removed);
         changes.forgotten += 1;
     }
-    if !told.config.discovery {
+    if CANDIDATES == 0 || !told.config.discovery {
         return changes;
     }
     let mut claimed = claimed.iter();

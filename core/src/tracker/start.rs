@@ -13,6 +13,37 @@ use crate::radio::library::{Action, Library};
 use heapless::Vec;
 use nalgebra::Vector2;
 
+/// The bound that these capacities break, if there is one.
+pub(super) const fn broken_bound(
+    anchors: usize,
+    surfaces: usize,
+    segments: usize,
+    paths: usize,
+    actions: usize,
+    components: usize,
+    points: usize,
+) -> Option<&'static str> {
+    if anchors == 0 {
+        Some("ANCHORS is 0: a tracker has one anchor at least")
+    } else if surfaces > 256 {
+        Some("SURFACES is above 256: the slot of a surface is a byte")
+    } else if segments > 65_535 {
+        Some("SEGMENTS is above 65535: the index of a wall has two bytes")
+    } else if paths == 0 {
+        Some("PATHS is 0: a scan has one measurement at least")
+    } else if paths > 32 {
+        Some("PATHS is above 32: sets of paths have 32 bits")
+    } else if actions == 0 {
+        Some("ACTIONS is 0: a radio has one action at least")
+    } else if components == 0 {
+        Some("COMPONENTS is 0: a belief has one component at least")
+    } else if points > 65_535 {
+        Some("POINTS is above 65535: their count has two bytes in a snapshot")
+    } else {
+        None
+    }
+}
+
 /// Checks and keeps what is told, and returns the first action; there are so many surfaces and sources.
 ///
 /// # Errors
@@ -156,4 +187,36 @@ fn surface_of<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize,
     environment.insert_surface(slot, TOLD, Origin::Plan);
     plan.assign(wall, slot as u8);
     Some(slot as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::broken_bound;
+
+    #[test]
+    fn capacities_out_of_bounds_are_named() {
+        const LEAST: [usize; 7] = [1, 0, 0, 1, 1, 1, 0];
+        let broken = |index: usize, value: usize| {
+            let mut sizes = LEAST;
+            sizes[index] = value;
+            let [anchors, surfaces, segments, paths, actions, components, points] = sizes;
+            broken_bound(anchors, surfaces, segments, paths, actions, components, points)
+        };
+        assert_eq!(broken(0, 1), None);
+        let bounds = [
+            (0, "ANCHORS", [None, Some(0)]),
+            (1, "SURFACES", [Some(256), Some(257)]),
+            (2, "SEGMENTS", [Some(65_535), Some(65_536)]),
+            (3, "PATHS", [Some(32), Some(33)]),
+            (3, "PATHS", [None, Some(0)]),
+            (4, "ACTIONS", [None, Some(0)]),
+            (5, "COMPONENTS", [None, Some(0)]),
+            (6, "POINTS", [Some(65_535), Some(65_536)]),
+        ];
+        for (index, name, [most, beyond]) in bounds {
+            assert!(most.is_none_or(|most| broken(index, most).is_none()), "{name}");
+            let said = beyond.and_then(|beyond| broken(index, beyond)).unwrap();
+            assert!(said.starts_with(name), "{said}");
+        }
+    }
 }

@@ -36,7 +36,8 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Narrows what may be chosen for `anchor` to these actions of the library: what its radio can do, or may. Where all
     /// anchors share one choice, it is narrowed for all. To be called before the first cycle: an action that is no longer
@@ -177,7 +178,7 @@ impl<
     }
 
     /// The candidates for virtual anchors.
-    pub fn discovery(&self) -> &Discovery<ANCHORS> {
+    pub fn discovery(&self) -> &Discovery<ANCHORS, CANDIDATES> {
         &self.discovery
     }
 

@@ -12,7 +12,8 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Writes the state between two cycles; the length of the snapshot, bytes. With no buffer, the error tells that length.
     ///
@@ -46,7 +47,8 @@ impl<
     pub fn digest(&self) -> u64 {
         let Self { config, anchors, plan, library, controllers, map, .. } = self;
         let mut digest = Digest::default();
-        [ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS].write(&mut digest);
+        [ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES]
+            .write(&mut digest);
         config.write(&mut digest);
         anchors.write(&mut digest);
         plan.write(&mut digest);
@@ -60,7 +62,8 @@ impl<
 
 stored!(
     Tracker<
-        const ANCHORS, const SURFACES, const SOURCES, const SEGMENTS, const PATHS, const ACTIONS, const COMPONENTS, const POINTS
+        const ANCHORS, const SURFACES, const SOURCES, const SEGMENTS, const PATHS, const ACTIONS, const COMPONENTS, const POINTS,
+        const CANDIDATES
     > {
         receiver, belief, environment, transmission, discovery, clutter, lateness, channel, controllers, cycle, last_heard,
         lever_arm_m
