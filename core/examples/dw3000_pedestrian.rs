@@ -55,7 +55,7 @@ const SAMPLES: usize = Window::USUAL.len();
 const BYTES: usize = SAMPLES * AccumulatorFormat::Bits24.bytes_per_sample();
 
 /// 4 anchors, 6 surfaces (the walls, and two that may be found), 20 sources, 4 segments, 8 paths per frame, 2 channels, 4 components of the
-/// belief, 2 points for each of the 128 samples.
+/// belief, 2 points for each of the 128 samples, 6 candidates for walls that may be found.
 type TagTracker = Tracker<4, 6, 20, 4, 8, 2, 4, 256, 6>;
 
 /// What can go wrong.

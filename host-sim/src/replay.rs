@@ -51,8 +51,8 @@ pub type LargeTracker = SizedTracker<LARGE_ANCHORS>;
 /// A tracker of the host for up to `A` anchors.
 pub type SizedTracker<const A: usize> = AnyTracker<A, SURFACES, COMPONENTS, POINTS>;
 
-/// Stack on which trackers are built, bytes. One of eight anchors is 0.32 MB, and construction passes it on by value several
-/// times.
+/// Stack on which trackers are made, bytes. One of eight anchors is 0.32 MB, and without optimisation it is made there before it is moved
+/// to the heap.
 const BUILDING_STACK_BYTES: usize = 32 << 20;
 /// Time before the first cycle: the start prior is about its very moment, and time must advance.
 const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;
