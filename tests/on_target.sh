@@ -6,7 +6,8 @@
 #
 # Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch; and the state
 # filter alone with 26 ranges per step, of 24 virtual anchors as published and of 24 images in 8 walls; images and availability
-# alone, 24 sources over 8 walls; and planning alone, 20 actions over one and five cycles.
+# alone, 24 sources over 8 walls; planning alone, 20 actions over one and five cycles; and two smaller trackers, of four DW3000 anchors
+# and of one: what they take of RAM.
 # Then tests/target_meters.sh: the firmware's meters must fail where they cannot measure.
 #
 # Exit code 0 only when all hashes are equal, no panic symbol is linked, the state filter and planning are within their
@@ -70,6 +71,17 @@ mkdir "$work/availability"
 mkdir "$work/plan"
 cargo run --quiet --locked --release -p cogmint-tests --example full_plan -- "$work/plan/feed.bin" >"$work/plan/host.txt"
 
+# The office as it is, and with one of its anchors.
+mkdir "$work/four" "$work/one"
+record_office 4 100 "$work/four/room"
+record_office 1 100 "$work/one/room"
+sized() {
+  cargo run --quiet --locked --release -p cogmint-tests --example sized_trace -- \
+    "$1" "$work/$2/room" "$work/$2/feed.bin" >"$work/$2/host.txt"
+  run "$work/$2" "$images/$1"
+}
+sized four_anchors four
+sized one_anchor one
 # Snapshots: one of the host's goes on here, and one of the target's on the host. With room for the bytes beside the tracker.
 mkdir "$work/snapshots"
 ln -s "$work/feed.bin" "$work/snapshots/feed.bin"
@@ -100,6 +112,8 @@ cargo run --quiet --locked --release -p cogmint-tests --example target_report --
   --filter-host "$work/published/host.txt" --filter-log "$work/published/target.txt" \
   --walls-host "$work/walls/host.txt" --walls-log "$work/walls/target.txt" \
   --availability-log "$work/availability/target.txt" \
-  --plan-host "$work/plan/host.txt" --plan-log "$work/plan/target.txt" $json
+  --plan-host "$work/plan/host.txt" --plan-log "$work/plan/target.txt" \
+  --four-image "$images/four_anchors" --four-host "$work/four/host.txt" --four-log "$work/four/target.txt" \
+  --one-image "$images/one_anchor" --one-host "$work/one/host.txt" --one-log "$work/one/target.txt" $json
 
 bash tests/target_meters.sh

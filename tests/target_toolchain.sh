@@ -40,6 +40,14 @@ record_room() {
   cargo run --quiet --locked --release -- simulate "$2.toml" --seed 1 --cycles "$1" --out "$2" >&2
 }
 
+# Records so many cycles of the DW3000 office with so many of its anchors in a new folder, of each response the usual window.
+record_office() {
+  awk -v most="$1" '/^\[\[anchors\]\]/ { skip = ++anchors > most } /^\[tag\]/ { skip = 0 } !skip
+    /^kind = "dw3000"/ { print "samples = 128\nwindow.first_path.sample = 32" }' \
+    host-sim/scenarios/dw3000-office.toml >"$3.toml"
+  cargo run --quiet --locked --release -- simulate "$3.toml" --seed 1 --cycles "$2" --out "$3" >&2
+}
+
 # Runs cargo for the target: its subcommand and arguments. The parts of the standard library that are used come first: `core`, or
 # `core,alloc`.
 cargo_for_target() {

@@ -108,6 +108,11 @@
 #endif
 
 /**
+ * Candidates for virtual anchors that nobody told of, per anchor, at most.
+ */
+#define COGMINT_MOST_CANDIDATES 6
+
+/**
  * Ranges that one call of cogmint_receive_ranges takes at most.
  */
 #define COGMINT_MOST_RANGES 64
@@ -238,9 +243,9 @@ enum cogmint_error
    */
   COGMINT_ERROR_NOT_BEGUN = 41,
   /**
-   * The tracker was told of its surroundings before.
+   * The tracker is not started.
    */
-  COGMINT_ERROR_ALREADY_TOLD = 42,
+  COGMINT_ERROR_NOT_STARTED = 42,
   /**
    * There is no such anchor.
    */

@@ -44,6 +44,9 @@ pub const COGMINT_MOST_POINTS: usize = 800;
 #[cfg(feature = "ranges")]
 pub const COGMINT_MOST_POINTS: usize = 0;
 
+/// Candidates for virtual anchors that nobody told of, per anchor, at most.
+pub const COGMINT_MOST_CANDIDATES: usize = 6;
+
 /// Ranges that one call of cogmint_receive_ranges takes at most.
 pub const COGMINT_MOST_RANGES: usize = 64;
 

@@ -44,8 +44,8 @@ pub enum CogmintError {
     AlreadyBegun = 40,
     /// No cycle is begun.
     NotBegun = 41,
-    /// The tracker was told of its surroundings before.
-    AlreadyTold = 42,
+    /// The tracker is not started.
+    NotStarted = 42,
     /// There is no such anchor.
     UnknownAnchor = 43,
     /// There is no such action.
@@ -181,7 +181,7 @@ impl CogmintError {
         Self::PlanOutline,
         Self::AlreadyBegun,
         Self::NotBegun,
-        Self::AlreadyTold,
+        Self::NotStarted,
         Self::UnknownAnchor,
         Self::UnknownAction,
         Self::DuplicateFrame,
@@ -258,7 +258,7 @@ impl CogmintError {
             Self::PlanOutline => c"a corner of the outline is out of range, or there are fewer than three",
             Self::AlreadyBegun => c"a cycle is begun that was not finished",
             Self::NotBegun => c"no cycle is begun",
-            Self::AlreadyTold => c"the tracker was told of its surroundings before",
+            Self::NotStarted => c"the tracker is not started",
             Self::UnknownAnchor => c"there is no such anchor",
             Self::UnknownAction => c"there is no such action",
             Self::DuplicateFrame => c"a second frame or scan of an anchor in one cycle, or the sequence number of its last frame again",
@@ -337,7 +337,7 @@ impl From<Error> for CogmintError {
             Error::AnchorCount { .. } => Self::AnchorCount,
             Error::VirtualAnchorCount { .. } => Self::VirtualAnchorCount,
             Error::AlreadyBegun => Self::AlreadyBegun,
-            Error::AlreadyTold => Self::AlreadyTold,
+            Error::NotStarted => Self::NotStarted,
             Error::NotBegun => Self::NotBegun,
             Error::Geometry { .. } => Self::Geometry,
             Error::PlanSize { .. } => Self::PlanSize,
@@ -407,6 +407,7 @@ impl From<SnapshotError> for CogmintError {
         match error {
             SnapshotError::Room { .. } => Self::SnapshotRoom,
             SnapshotError::Begun => Self::AlreadyBegun,
+            SnapshotError::NotStarted => Self::NotStarted,
             SnapshotError::Foreign => Self::SnapshotForeign,
             SnapshotError::Version { .. } => Self::SnapshotVersion,
             SnapshotError::Told => Self::SnapshotTold,

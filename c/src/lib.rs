@@ -26,12 +26,12 @@ pub use surroundings::{
 
 use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::radio::library::Action;
-use cogmint_core::{Anchor, Config, CycleReport, SnapshotError};
+use cogmint_core::{Anchor, Config, CycleReport, Map, SnapshotError};
 use core::ffi::c_void;
 use core::mem::MaybeUninit;
 use error::code;
 use pointer::{exclusive, put, shared, slice, slice_mut};
-use surroundings::{filled, tell};
+use surroundings::{filled, with};
 use tracker::Tracker;
 
 /// Bytes of cogmint_report.
@@ -224,33 +224,31 @@ pub unsafe extern "C" fn cogmint_start(
             return Err(CogmintError::MemorySize);
         }
         // SAFETY: long enough; alignment is checked; the rest is the caller's promise, and what is there may be anything.
-        let slot = unsafe { exclusive(slot)? };
+        let started = unsafe { exclusive(slot)? }.write(Tracker::new());
         // SAFETY: as the caller promises.
-        let started = unsafe { build(slot, config, anchors, anchor_count, actions, action_count, seed)? };
-        if !map.is_null() {
-            // SAFETY: as the caller promises.
-            unsafe { tell(started, shared(map)?)? };
-        }
+        unsafe { begin(started, config, anchors, anchor_count, map, actions, action_count, seed)? };
         // SAFETY: as the caller promises.
         unsafe { put(tracker, (&raw mut *started).cast()) }
     };
     code(start())
 }
 
-/// Builds a tracker where it stays.
+/// Starts an empty tracker where it stays.
 ///
 /// # Safety
 /// As [`cogmint_start`].
 #[inline(never)]
-unsafe fn build(
-    slot: &mut MaybeUninit<Tracker>,
+#[allow(clippy::too_many_arguments)] // those of cogmint_start
+unsafe fn begin(
+    tracker: &mut Tracker,
     config: *const CogmintConfig,
     anchors: *const CogmintAnchor,
     anchor_count: usize,
+    map: *const CogmintMap,
     actions: *const CogmintAction,
     action_count: usize,
     seed: u64,
-) -> Result<&mut Tracker, CogmintError> {
+) -> Result<(), CogmintError> {
     // SAFETY: as the caller promises.
     let (config, radio): (Config, CogmintRadio) = unsafe { config::read(config)? };
     // SAFETY: as the caller promises.
@@ -263,10 +261,12 @@ unsafe fn build(
     } else {
         filled(&mut room, actions, CogmintError::ActionCount, CogmintAction::core)?
     };
-    match Tracker::untold(config, anchors, actions, seed) {
-        Ok(tracker) => Ok(slot.write(tracker)),
-        Err(error) => Err(error.into()),
+    let mut start = |map: &Map<'_>| Ok(tracker.start(&config, anchors, map, actions, seed)?);
+    if map.is_null() {
+        return start(&Map::default());
     }
+    // SAFETY: as the caller promises.
+    unsafe { with(shared(map)?, start) }
 }
 
 /// Tells the range bias of one anchor, before the first cycle: its mean (-10 to 10 m) and standard deviation (0 to 10 m; 0 where it is

@@ -3,7 +3,6 @@
 use crate::capacity::{COGMINT_MOST_SEGMENTS, COGMINT_MOST_SOURCES};
 use crate::error::CogmintError;
 use crate::pointer::{shared, slice};
-use crate::tracker::Tracker;
 use cogmint_core::radio::library::Action;
 use cogmint_core::{Anchor, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall};
 
@@ -121,12 +120,14 @@ pub(crate) fn filled<'a, C: Copy, T>(
     Ok(room)
 }
 
-/// Tells a tracker of the map; apart from its construction, so that the one reuses the stack of the other.
+/// Does something with the core's map.
 ///
 /// # Safety
 /// `map` and all that it points at are as their descriptions say.
-#[inline(never)]
-pub(crate) unsafe fn tell(tracker: &mut Tracker, map: &CogmintMap) -> Result<(), CogmintError> {
+pub(crate) unsafe fn with(
+    map: &CogmintMap,
+    then: impl FnOnce(&Map<'_>) -> Result<(), CogmintError>,
+) -> Result<(), CogmintError> {
     // SAFETY: as the caller promises.
     let given = unsafe { slice(map.virtual_anchors, map.virtual_anchor_count)? };
     let mut room =
@@ -136,7 +137,7 @@ pub(crate) unsafe fn tell(tracker: &mut Tracker, map: &CogmintMap) -> Result<(),
         MappedVirtualAnchor { anchor: anchor as usize, position_m, std_m }
     })?;
     if map.plan.is_null() {
-        return Ok(tracker.tell(&Map { virtual_anchors, plan: None })?);
+        return then(&Map { virtual_anchors, plan: None });
     }
     // SAFETY: as the caller promises.
     let plan = unsafe { shared(map.plan)? };
@@ -166,5 +167,5 @@ pub(crate) unsafe fn tell(tracker: &mut Tracker, map: &CogmintMap) -> Result<(),
         reflections: plan.reflections as usize,
         most_sources: plan.most_sources as usize,
     };
-    Ok(tracker.tell(&Map { virtual_anchors, plan: Some(plan) })?)
+    then(&Map { virtual_anchors, plan: Some(plan) })
 }

@@ -55,8 +55,8 @@ const SAMPLES: usize = Window::USUAL.len();
 const BYTES: usize = SAMPLES * AccumulatorFormat::Bits24.bytes_per_sample();
 
 /// 4 anchors, 6 surfaces (the walls, and two that may be found), 20 sources, 4 segments, 8 paths per frame, 2 channels, 4 components of the
-/// belief, 2 points for each of the 128 samples.
-type TagTracker = Tracker<4, 6, 20, 4, 8, 2, 4, 256>;
+/// belief, 2 points for each of the 128 samples, 6 candidates for walls that may be found.
+type TagTracker = Tracker<4, 6, 20, 4, 8, 2, 4, 256, 6>;
 
 /// What can go wrong.
 #[derive(Debug)]
@@ -70,11 +70,13 @@ enum Fault {
     OtherBits,
 }
 
-/// The tracker as it is switched on. Firmware has it in a static, built in place: docs/firmware.md.
+/// The tracker as it is switched on. Firmware has it in a static, and starts it there: docs/firmware.md.
 fn switched_on() -> Result<TagTracker, Error> {
     let mut config = Config::pedestrian(RADIO);
     config.start.position_m = [4.0, 3.0];
-    TagTracker::new(config, &ANCHORS, &MAP, RADIO.library(), 1)
+    let mut tracker = TagTracker::new();
+    tracker.start(&config, &ANCHORS, &MAP, RADIO.library(), 1)?;
+    Ok(tracker)
 }
 
 /// What an exchange with one anchor makes of the tracker. A frame that is refused has changed nothing: the range counts all the same.

@@ -21,18 +21,17 @@ const CYCLE_S: f32 = 0.1;
 const NOISE_M: f32 = 0.07;
 
 /// 3 anchors; the least of what frames and plans take: 1 surface, 1 source, 1 segment, 2 ranges per anchor, 2 channels; 4 components of the
-/// belief; no points.
-type TagTracker = Tracker<3, 1, 1, 1, 2, 2, 4, 0>;
+/// belief; no points, and no candidates: no map is built.
+type TagTracker = Tracker<3, 1, 1, 1, 2, 2, 4, 0, 0>;
 
 /// The error after ten seconds of a walk, metres.
 fn run() -> Result<f32, Error> {
     let mut config = Config::pedestrian(RadioPreset::Dw1000);
     config.start.position_m = [4.0, 3.0];
-    // No map is built, so that nothing is looked for.
-    config.discovery = false;
     // One channel, and nothing to choose.
     let actions = RadioPreset::Dw1000.library().get(..1).unwrap_or_default();
-    let mut tracker = TagTracker::new(config, &ANCHORS, &Map::default(), actions, 1)?;
+    let mut tracker = TagTracker::new();
+    tracker.start(&config, &ANCHORS, &Map::default(), actions, 1)?;
 
     let mut noise = Noise(1);
     let mut error_m = 0.0;

@@ -143,6 +143,39 @@ impl Default for Config {
 }
 
 impl Config {
+    /// That of a tracker that is not started.
+    pub(crate) const NONE: Self = Self {
+        motion: Motion::NONE,
+        start: Start { position_m: [0.0; 2], position_std_m: 0.0, velocity_std_m_s: 0.0 },
+        has_heading: false,
+        ranging: Ranging::NONE,
+        association: AssociationSettings::NONE,
+        belief: BeliefSettings::NONE,
+        channel: ChannelMemorySettings::NONE,
+        discovery: false,
+        discovery_settings: DiscoverySettings::NONE,
+        exact_map: false,
+        estimator: EstimatorSettings::NONE,
+        radio: Radio::NONE,
+        controller: ControllerSettings {
+            reward: Reward::InformationGain,
+            learning: Learning { rate: 0.0, experience_rate: 0.0, discount: 0.0, bootstrap: false },
+            choice: Choice {
+                temperature_nat: 0.0,
+                exploration_per_s: 0.0,
+                hysteresis_nat: 0.0,
+                patience_s: 0.0,
+            },
+            planned_actions: 0,
+            horizon: 0,
+            first_action: 0,
+            prior_sinr: 0.0,
+            neighbours: false,
+            per_anchor: false,
+            rendezvous: None,
+        },
+    };
+
     /// The published set-up, which is the default: its tag, its radio ([`RadioPreset::Sounder`]) and how many actions are planned. The
     /// algorithm is the core's, for example with velocities that decay (published: constant); [`Self::with_variant`] tells the
     /// published ways of association apart.
@@ -360,9 +393,11 @@ mod tests {
 
     const PLACES_M: [[f32; 2]; 4] = [[0.3, 0.2], [9.7, 0.4], [9.6, 7.7], [0.2, 7.8]];
 
-    fn tracker(config: Config, preset: RadioPreset) -> Result<Tracker<4, 2, 2, 1, 4, 40, 8, 0>, Error> {
+    fn tracker(config: Config, preset: RadioPreset) -> Result<Tracker<4, 2, 2, 1, 4, 40, 8, 0, 6>, Error> {
         let anchors = PLACES_M.map(|position_m| Anchor { position_m, height_m: 0.0 });
-        Tracker::new(config, &anchors, &Map::default(), preset.library(), 1)
+        let mut tracker = Tracker::new();
+        tracker.start(&config, &anchors, &Map::default(), preset.library(), 1)?;
+        Ok(tracker)
     }
 
     #[test]

@@ -28,8 +28,8 @@ pub enum Error {
     },
     /// A cycle is begun that was not finished.
     AlreadyBegun,
-    /// The tracker was told of its surroundings, or has begun.
-    AlreadyTold,
+    /// The tracker was not started, or its start was refused.
+    NotStarted,
     /// No cycle is begun.
     NotBegun,
     /// An anchor's or a virtual anchor's geometry is not finite or out of range.
@@ -248,9 +248,7 @@ impl fmt::Display for Error {
             }
             Error::UnknownAnchor { anchor } => write!(f, "there is no anchor {anchor}"),
             Error::UnknownAction { action } => write!(f, "there is no action {action} in the library"),
-            Error::AlreadyTold => {
-                write!(f, "a tracker is told of its surroundings once, before its first cycle")
-            }
+            Error::NotStarted => write!(f, "the tracker is not started"),
             Error::AlreadyBegun => write!(f, "a cycle is begun that was not finished"),
             Error::NotBegun => write!(f, "no cycle is begun"),
             Error::DuplicateFrame { anchor } => write!(f, "anchor {anchor} delivered the same frame twice"),

@@ -32,9 +32,10 @@
 //! let mut config = Config::default();
 //! config.start.position_m = [3.0, 7.5];
 //! // Room for 2 anchors, 24 surfaces, 24 sources, 32 segments of walls, 16 paths, 40 actions and 8 components of the
-//! // belief; no points of residuals, as there are ranges alone; no plan is told.
+//! // belief; no points of residuals, as there are ranges alone; 6 candidates for virtual anchors; no plan is told.
 //! let map = Map::default();
-//! let mut tracker = Tracker::<2, 24, 24, 32, 16, 40, 8, 0>::new(config, &anchors, &map, &LIBRARY_PUBLISHED, 1)?;
+//! let mut tracker = Tracker::<2, 24, 24, 32, 16, 40, 8, 0, 6>::new();
+//! tracker.start(&config, &anchors, &map, &LIBRARY_PUBLISHED, 1)?;
 //! let ranges = [Range { range_m: 2.65, variance_m2: 1e-4 }];
 //! let report = tracker.cycle(&[Observation::Ranges(RangeScan { anchor: 0, ranges: &ranges })], 0.1, None)?;
 //! assert!(report.entropy_nat < report.predicted_entropy_nat);

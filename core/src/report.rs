@@ -118,6 +118,9 @@ impl Part {
 pub struct Parts(u16);
 
 impl Parts {
+    /// None.
+    pub const NONE: Self = Self(0);
+
     /// Whether a part is in it.
     pub fn has(self, part: Part) -> bool {
         self.0 & 1 << part as u16 != 0
@@ -155,6 +158,9 @@ pub struct Integrity {
 }
 
 impl Integrity {
+    /// Nothing has flipped.
+    pub const NONE: Self = Self { flipped: Parts::NONE, reset: Parts::NONE };
+
     /// Whether nothing has flipped.
     pub fn is_intact(&self) -> bool {
         self.flipped.is_empty() && self.reset.is_empty()

@@ -16,9 +16,10 @@ mod values;
 
 use self::integrity::Seals;
 use self::stages::{
-    Explained, Heard, Outcomes, hear, look_beside, look_through, propose_places, reader, remember, revise_map,
+    Claimed, Explained, Heard, act, claim, conclude, hear, look_beside, look_through, propose_places, reader,
+    remember, revise_map,
 };
-use self::values::{Known, Place, Seen, Told, leader_view, planning_state, walls_now};
+use self::values::{Known, Place, Told, leader_view, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -35,6 +36,7 @@ use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::observer::{Observer, Stage};
+use crate::perceptor::association::outcome::Outcomes;
 use crate::perceptor::belief::component::{LEAPT, apart};
 use crate::perceptor::belief::{BeliefSettings, TagBelief};
 use crate::perceptor::receiver::{Delivered, Receiver, Scans};
@@ -44,7 +46,8 @@ use heapless::Vec;
 
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
 /// (and corners of the outline), paths per anchor, actions, components of the belief, and points (a byte each, about four per pulse
-/// duration) of what paths leave of the frames of an anchor. Without points, frames are read no further than to their paths.
+/// duration) of what paths leave of the frames of an anchor, and candidates for virtual anchors that no plan told of, per anchor. Without
+/// points, frames are read no further than to their paths; without candidates, no virtual anchors are looked for.
 #[derive(Clone, Debug)]
 pub struct Tracker<
     const ANCHORS: usize,
@@ -55,6 +58,7 @@ pub struct Tracker<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
+    const CANDIDATES: usize,
 > {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
@@ -67,7 +71,7 @@ pub struct Tracker<
     belief: TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: EnvironmentMemory<SURFACES, SOURCES>,
     transmission: TransmissionMemory<SEGMENTS>,
-    discovery: Discovery<ANCHORS>,
+    discovery: Discovery<ANCHORS, CANDIDATES>,
     clutter: ClutterMemory<ANCHORS>,
     lateness: LatenessMemory<ANCHORS>,
     channel: ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
@@ -80,12 +84,24 @@ pub struct Tracker<
     last_heard: Agent,
     /// Where the antenna in use is on the body of the tag: ahead of its centre and to its left, metres.
     lever_arm_m: [f32; 2],
-    /// The cycle begun and not finished.
-    begun: Option<Begun<ANCHORS>>,
+    phase: Phase,
+    /// The cycle begun.
+    begun: Begun<ANCHORS>,
     /// What was received in it.
     scans: Scans<ANCHORS, PATHS>,
     /// By which bits that flip are found.
     seals: Seals<COMPONENTS>,
+}
+
+/// What a tracker can do next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// It is empty: be started.
+    Empty,
+    /// Begin a cycle.
+    Between,
+    /// Receive, and finish the cycle.
+    Begun,
 }
 
 /// A cycle that was begun.
@@ -97,6 +113,11 @@ struct Begun<const ANCHORS: usize> {
     integrity: Integrity,
 }
 
+impl<const ANCHORS: usize> Begun<ANCHORS> {
+    const NONE: Self =
+        Self { elapsed_s: 0.0, tag_height: None, delivered: Delivered::NONE, integrity: Integrity::NONE };
+}
+
 impl<
     const ANCHORS: usize,
     const SURFACES: usize,
@@ -106,12 +127,13 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
     ///
     /// # Errors
-    /// [`Error::NotBegun`]; nothing has changed then.
+    /// [`Error::NotBegun`] or [`Error::NotStarted`]; nothing has changed then.
     pub fn finish(&mut self) -> Result<CycleReport, Error> {
         self.finish_observed(&mut ())
     }
@@ -119,22 +141,24 @@ impl<
     /// [`Self::finish`], watched by an observer.
     ///
     /// # Errors
-    /// [`Error::NotBegun`]; nothing has changed then.
+    /// [`Error::NotBegun`] or [`Error::NotStarted`]; nothing has changed then.
     pub fn finish_observed(
         &mut self,
         observer: &mut impl Observer<SOURCES, PATHS>,
     ) -> Result<CycleReport, Error> {
-        let mut report = self.finish_unswept(observer)?;
+        self.check_begun()?;
+        let mut report = self.finish_unswept(observer);
         report.integrity.add(&self.sweep());
         observer.stage(Stage::Done);
         Ok(report)
     }
 
-    /// [`Self::finish_observed`] without the sweep of the state.
+    /// [`Self::finish_observed`] without the sweep of the state, of a cycle that is begun.
     // Kept apart, as its stages are, so that each reuses the stack of the one before.
     #[inline(never)]
-    fn finish_unswept(&mut self, observer: &mut impl Observer<SOURCES, PATHS>) -> Result<CycleReport, Error> {
-        let Begun { elapsed_s, tag_height, integrity, .. } = self.begun.take().ok_or(Error::NotBegun)?;
+    fn finish_unswept(&mut self, observer: &mut impl Observer<SOURCES, PATHS>) -> CycleReport {
+        self.phase = Phase::Between;
+        let Begun { elapsed_s, tag_height, integrity, .. } = self.begun;
         let Self {
             config,
             anchors,
@@ -154,6 +178,7 @@ impl<
             cycle,
             last_heard,
             lever_arm_m,
+            phase: _,
             begun: _,
             scans,
             seals: _,
@@ -187,15 +212,16 @@ impl<
                 belief.enter(place);
             }
         }
-        let mut outcomes = Outcomes::new();
+        let mut outcomes = Outcomes::none();
+        let mut claimed = Claimed::<ANCHORS, PATHS, CANDIDATES>::new();
         let mut explained = Explained::default();
         for scan in scans.iter() {
             let view = leader_view(&told, belief.leader(), clutter, scan.anchor);
             let Some((viewpoint, background)) = view else { continue };
-            let claims = discovery.claim(scan.anchor, &viewpoint, &scan.measurements, &background);
+            let claims = claim(discovery, scan, &viewpoint, &background, &mut claimed);
             let surroundings = (&*plan, walls);
             let reader = reader(&told, receiver, clutter, scan);
-            let outcome = hear(
+            let heard = hear(
                 belief,
                 &told,
                 environment,
@@ -204,24 +230,26 @@ impl<
                 &lateness.of(scan.anchor),
                 surroundings,
                 (scan, reader.as_ref()),
-                claims,
+                &claims,
                 &mut outcomes,
+                |outcome| {
+                    let expected = &outcome.expected;
+                    observer.expectations(scan.anchor, &expected.direct, &expected.virtual_anchors);
+                    observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
+                    explained = explained.with(outcome);
+                },
             );
-            let Some(outcome) = outcome else { continue };
-            observer.expectations(scan.anchor, &outcome.expected.direct, &outcome.expected.virtual_anchors);
-            observer.beliefs(scan.anchor, &scan.measurements, &outcome.beliefs);
-            explained = explained.with(outcome);
+            if heard.is_none() {
+                // It has no outcome.
+                claimed.pop();
+            }
         }
 
         observer.stage(Stage::Update);
         let was_searching = belief.is_searching();
         if is_heard {
             belief.explain(explained.strong, explained.known);
-            let barrier = &walls_now(plan, belief.leader(), environment, bar, |_| 0.0);
-            belief.conclude(
-                |from_m, to_m, std_m| barrier.paths(from_m, to_m, std_m).direct(),
-                |place_m, std_m| plan.inside(place_m, std_m),
-            );
+            conclude(belief, environment, plan, bar);
         } else {
             belief.sum_up(silent_s);
         }
@@ -256,7 +284,7 @@ impl<
 
         observer.stage(Stage::Discover);
         let map = if is_sure {
-            revise_map(belief, environment, channel, discovery, clutter, &told, &outcomes)
+            revise_map(belief, environment, channel, discovery, clutter, &told, &outcomes, &claimed)
         } else {
             MapChanges::default()
         };
@@ -265,19 +293,17 @@ impl<
         let posterior = belief.leader().agent();
         let earned =
             reward(config.controller.reward, &last.covariance, &predicted.covariance, &posterior.covariance);
-        let state = planning_state(config, &posterior, receiver.threshold(), elapsed_s);
         let filter = belief.leader();
         let known = Known { filter, environment, channel, plan, walls };
-        let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(&told, Place::of(&posterior)));
-        let decision = controllers.decide(
+        let is_lost = |anchor| belief.is_lost(anchor);
+        let decision = act(
+            controllers,
+            &known,
+            &told,
             earned,
-            searching,
-            |anchor| belief.is_lost(anchor),
+            (searching, is_lost),
             scans,
-            &state,
-            seen.iter(),
-            channel,
-            library,
+            (receiver.threshold(), elapsed_s),
         );
 
         // While the tag is looked for, nothing is associated with certainty.
@@ -317,7 +343,7 @@ impl<
             *last_heard = posterior;
         }
         *cycle = cycle.wrapping_add(1);
-        Ok(report)
+        report
     }
 }
 
@@ -336,8 +362,8 @@ mod tests {
         let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 0.3 };
         let config = Config { start, ..Config::default() };
         let library = &LIBRARY_PUBLISHED;
-        let mut tracker =
-            Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new(config, &anchors, &Map::default(), library, 1).unwrap();
+        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0, 6>::new();
+        tracker.start(&config, &anchors, &Map::default(), library, 1).unwrap();
         let mut hear = |[x, y]: [f32; 2]| {
             let ranges =
                 places_m.map(|[ax, ay]| [Range { range_m: (x - ax).hypot(y - ay), variance_m2: 4e-4 }]);
@@ -360,9 +386,8 @@ mod tests {
         let anchors = places_m.map(|position_m| Anchor { position_m, height_m: 0.0 });
         let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 1.0 };
         let config = Config { start, ..Config::default() };
-        let mut tracker =
-            Tracker::<3, 1, 1, 1, 4, 40, 8, 0>::new(config, &anchors, &Map::default(), &LIBRARY_PUBLISHED, 1)
-                .unwrap();
+        let mut tracker = Tracker::<3, 1, 1, 1, 4, 40, 8, 0, 6>::new();
+        tracker.start(&config, &anchors, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
         for cycle in 1..=50_u8 {
             let walked_s = 0.1 * f32::from(cycle);
             let [x, y] = [2.0 + 0.8 * walked_s, 2.0 + 0.3 * walked_s];

@@ -10,7 +10,6 @@
 //! of frames; per frame anchor, action, delay of the first sample, kind (0 complex, 1 magnitude), number of
 //! samples, samples; number of ranges; per range anchor, range, variance.
 
-use crate::SAMPLES;
 use crate::host::File;
 use cogmint_core::model::observation::{Complex, Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::radio::library::Action;
@@ -19,19 +18,14 @@ use cogmint_core::{Anchor, Config, Map, MappedVirtualAnchor, Plan, PlanSegment, 
 use heapless::Vec;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"COG4");
-const ANCHORS: usize = 2;
-const SOURCES: usize = 24;
-const SEGMENTS: usize = 32;
-const PATHS: usize = 16;
-const ACTIONS: usize = 40;
 
 /// An open feed.
 pub struct Feed {
     file: File,
 }
 
-/// What the tracker is started with.
-pub struct Setup {
+/// What the tracker is started with: as much of everything as it has room for.
+pub struct Setup<const ANCHORS: usize, const SOURCES: usize, const SEGMENTS: usize, const ACTIONS: usize> {
     /// The configuration.
     pub config: Config,
     /// The anchors.
@@ -41,7 +35,7 @@ pub struct Setup {
     /// Virtual anchors told of.
     pub virtual_anchors: Vec<MappedVirtualAnchor, SOURCES>,
     /// The floor plan.
-    pub plan: Option<StoredPlan>,
+    pub plan: Option<StoredPlan<SEGMENTS>>,
     /// Carriers and pulses.
     pub actions: Vec<Action, ACTIONS>,
     /// Seed of the tracker.
@@ -52,7 +46,7 @@ pub struct Setup {
 
 /// A floor plan, with what it consists of.
 #[derive(Default)]
-pub struct StoredPlan {
+pub struct StoredPlan<const SEGMENTS: usize> {
     outline_m: Vec<[f32; 2], SEGMENTS>,
     walls: Vec<PlanWall, SEGMENTS>,
     segments: Vec<PlanSegment, SEGMENTS>,
@@ -61,14 +55,16 @@ pub struct StoredPlan {
     most_sources: usize,
 }
 
-impl Setup {
+impl<const ANCHORS: usize, const SOURCES: usize, const SEGMENTS: usize, const ACTIONS: usize>
+    Setup<ANCHORS, SOURCES, SEGMENTS, ACTIONS>
+{
     /// What the tracker is told of the surroundings.
     pub fn map(&self) -> Map<'_> {
         Map { virtual_anchors: &self.virtual_anchors, plan: self.plan.as_ref().map(StoredPlan::plan) }
     }
 }
 
-impl StoredPlan {
+impl<const SEGMENTS: usize> StoredPlan<SEGMENTS> {
     fn plan(&self) -> Plan<'_> {
         let Self { outline_m, walls, segments, turn_std_rad, reflections, most_sources } = self;
         Plan {
@@ -94,7 +90,7 @@ struct StoredFrame {
 }
 
 /// One cycle of the feed.
-pub struct CycleInput {
+pub struct CycleInput<const ANCHORS: usize, const PATHS: usize> {
     frames: Vec<StoredFrame, ANCHORS>,
     ranges: [Vec<Range, PATHS>; ANCHORS],
     /// Seconds since the cycle before.
@@ -105,13 +101,17 @@ pub struct CycleInput {
     pub lever_arm_m: [f32; 2],
 }
 
-impl CycleInput {
-    /// What the tracker gets: frames, then ranges, by anchor.
-    pub fn observations<'a>(&'a self, samples: &'a [Complex; SAMPLES]) -> Vec<Observation<'a>, 4> {
+impl<const ANCHORS: usize, const PATHS: usize> CycleInput<ANCHORS, PATHS> {
+    /// What the tracker gets: frames, then ranges, by anchor; two of each at most.
+    pub fn observations<'a, const OBSERVATIONS: usize>(
+        &'a self,
+        samples: &'a [Complex],
+    ) -> Vec<Observation<'a>, OBSERVATIONS> {
+        const { assert!(OBSERVATIONS >= 2 * ANCHORS, "OBSERVATIONS holds a frame and ranges of every anchor") };
         let mut observations = Vec::new();
         for frame in &self.frames {
             let Some(numbers) = samples.as_flattened().get(frame.from..frame.to) else { continue };
-            // Two anchors, two kinds: every push succeeds.
+            // A frame and ranges of every anchor: every push succeeds.
             let _ = observations.push(Observation::Frame(Frame {
                 anchor: frame.anchor,
                 action: frame.action,
@@ -170,7 +170,9 @@ impl Feed {
     }
 
     /// Reads the set-up, which comes first.
-    pub fn setup(&mut self) -> Option<Setup> {
+    pub fn setup<const ANCHORS: usize, const SOURCES: usize, const SEGMENTS: usize, const ACTIONS: usize>(
+        &mut self,
+    ) -> Option<Setup<ANCHORS, SOURCES, SEGMENTS, ACTIONS>> {
         let (anchors, map, actions) = (self.count()?, self.count()?, self.count()?);
         let cycles = self.word()?;
         let seed = u64::from(self.word()?) | u64::from(self.word()?) << 32;
@@ -229,7 +231,7 @@ impl Feed {
         Some(setup)
     }
 
-    fn plan(&mut self, plan: &mut StoredPlan) -> Option<()> {
+    fn plan<const SEGMENTS: usize>(&mut self, plan: &mut StoredPlan<SEGMENTS>) -> Option<()> {
         let (corners, walls, segments) = (self.count()?, self.count()?, self.count()?);
         plan.turn_std_rad = self.float()?;
         plan.reflections = self.count()?;
@@ -250,14 +252,17 @@ impl Feed {
     }
 
     /// Reads the next cycle, its samples into `samples`.
-    pub fn cycle(&mut self, samples: &mut [Complex; SAMPLES]) -> Option<CycleInput> {
+    pub fn cycle<const ANCHORS: usize, const PATHS: usize>(
+        &mut self,
+        samples: &mut [Complex],
+    ) -> Option<CycleInput<ANCHORS, PATHS>> {
         let elapsed_s = self.float()?;
         let known = self.word()? != 0;
         let height = TagHeight { mean_m: self.float()?, std_m: self.float()? };
         let lever_arm_m = [self.float()?, self.float()?];
         let mut input = CycleInput {
             frames: Vec::new(),
-            ranges: [Vec::new(), Vec::new()],
+            ranges: [const { Vec::new() }; ANCHORS],
             elapsed_s,
             tag_height: known.then_some(height),
             lever_arm_m,

@@ -7,12 +7,9 @@
 pub mod feed;
 pub mod host;
 pub mod meter;
+pub mod replay;
 
-use cogmint_core::model::observation::Complex;
 use core::cell::UnsafeCell;
-
-/// Room for the samples of one cycle: two anchors.
-pub const SAMPLES: usize = 2 * 1024;
 
 /// Memory that lives outside the stack and is handed out once, to `main`.
 pub struct Once<T>(pub UnsafeCell<T>);
@@ -20,9 +17,6 @@ pub struct Once<T>(pub UnsafeCell<T>);
 // SAFETY: the only access is the one `&mut` that the entry point takes before anything else runs; this firmware
 // has neither interrupts that touch it nor a second core.
 unsafe impl<T> Sync for Once<T> {}
-
-/// The samples of one cycle.
-pub static FRAMES: Once<[Complex; SAMPLES]> = Once(UnsafeCell::new([[0.0; 2]; SAMPLES]));
 
 /// A fault of the processor, such as an access outside of memory, ends the run instead of stopping it in silence.
 #[cortex_m_rt::exception(trampoline = false)]

@@ -3,6 +3,7 @@
 use crate::input_error::InputError;
 use crate::recording::{self, ARRAYS_FILE, META_FILE, Recording};
 use crate::told_plan::ToldPlan;
+use cogmint_core::memory::discovery::USUAL_CANDIDATES;
 use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::observer::Observer;
 use cogmint_core::radio::library::Action;
@@ -40,7 +41,7 @@ pub const POINTS: usize = 8192;
 
 /// A tracker of so many anchors, surfaces, components and points.
 pub type AnyTracker<const A: usize, const S: usize, const C: usize, const P: usize> =
-    Tracker<A, S, SOURCES, SEGMENTS, PATHS, ACTIONS, C, P>;
+    Tracker<A, S, SOURCES, SEGMENTS, PATHS, ACTIONS, C, P, USUAL_CANDIDATES>;
 /// The tracker of the target.
 pub type TargetTracker = AnyTracker<SMALL_ANCHORS, TARGET_SURFACES, TARGET_COMPONENTS, TARGET_POINTS>;
 /// The tracker for up to two anchors.
@@ -50,8 +51,8 @@ pub type LargeTracker = SizedTracker<LARGE_ANCHORS>;
 /// A tracker of the host for up to `A` anchors.
 pub type SizedTracker<const A: usize> = AnyTracker<A, SURFACES, COMPONENTS, POINTS>;
 
-/// Stack on which trackers are built, bytes. One of eight anchors is 0.32 MB, and construction passes it on by value several
-/// times.
+/// Stack on which trackers are made, bytes. One of eight anchors is 0.32 MB, and without optimisation it is made there before it is moved
+/// to the heap.
 const BUILDING_STACK_BYTES: usize = 32 << 20;
 /// Time before the first cycle: the start prior is about its very moment, and time must advance.
 const BEFORE_FIRST_CYCLE_S: f32 = 1e-3;
@@ -296,17 +297,17 @@ impl Setup {
         self.build()
     }
 
-    /// Builds a tracker where the stack has room for it.
+    /// Starts a tracker that was made where the stack has room for it.
     fn build<const A: usize, const S: usize, const C: usize, const P: usize>(
         &self,
     ) -> Result<Box<AnyTracker<A, S, C, P>>, Error> {
         let build = || {
-            let mut tracker =
-                Tracker::new(self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;
+            let mut tracker = Box::new(Tracker::new());
+            tracker.start(&self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;
             for (anchor, [mean_m, std_m]) in self.range_biases_m.iter().enumerate() {
                 tracker.tell_range_bias(anchor, *mean_m, *std_m)?;
             }
-            Ok(Box::new(tracker))
+            Ok(tracker)
         };
         std::thread::scope(|scope| {
             let builder = std::thread::Builder::new().stack_size(BUILDING_STACK_BYTES);

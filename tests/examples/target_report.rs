@@ -31,10 +31,10 @@ struct Report {
     /// All static variables, the frame buffer among them.
     static_bytes: u64,
     tracker_bytes: u64,
-    /// The deepest stack from reset on, construction included.
+    /// The deepest stack from reset on, start included.
     stack_bytes: u64,
-    /// The same until the tracker was constructed.
-    constructor_stack_bytes: u64,
+    /// The same until the tracker was started.
+    start_stack_bytes: u64,
     frame_buffer_bytes: u64,
     flash_bytes: u64,
     panic_symbols: usize,
@@ -49,6 +49,55 @@ struct Report {
     availability: Availability,
     /// Planning alone.
     planning: Planning,
+    /// Smaller trackers.
+    four_anchors: Smaller,
+    one_anchor: Smaller,
+}
+
+/// A smaller tracker, by an image of its own.
+#[derive(Serialize)]
+struct Smaller {
+    cycles: usize,
+    /// Whether the hashes of all cycles are equal to the host's.
+    equal: bool,
+    instructions_per_cycle: u64,
+    /// Static variables without the radio's frame buffer, and the deepest stack from reset on.
+    ram_bytes: u64,
+    tracker_bytes: u64,
+    stack_bytes: u64,
+    start_stack_bytes: u64,
+    flash_bytes: u64,
+}
+
+impl Smaller {
+    fn read(image: &[u8], host: &str, log: &str) -> Result<Self, Box<dyn Error>> {
+        let elf = object::File::parse(image)?;
+        let run = Cycles::read(log)?;
+        let host: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
+        Ok(Self {
+            cycles: run.hashes.len(),
+            equal: run.hashes == host,
+            instructions_per_cycle: run.per_stage.iter().flatten().sum::<u64>() / run.hashes.len() as u64,
+            ram_bytes: static_bytes(&elf)? - run.frame_buffer_bytes + run.stack_bytes,
+            tracker_bytes: run.tracker_bytes,
+            stack_bytes: run.stack_bytes,
+            start_stack_bytes: run.start_stack_bytes,
+            flash_bytes: flash_bytes(&elf),
+        })
+    }
+}
+
+/// Everything that is loaded lies in flash, whatever its section's name.
+fn flash_bytes(elf: &object::File<'_>) -> u64 {
+    elf.segments().map(|segment| segment.file_range().1).sum()
+}
+
+/// Bytes of static variables.
+fn static_bytes(elf: &object::File<'_>) -> Result<u64, Box<dyn Error>> {
+    let end = elf.symbols().find(|symbol| symbol.name() == Ok("_stack_end")).map(|symbol| symbol.address());
+    let end = end.ok_or("the image says not where its static variables end")?;
+    let begin = elf.segments().map(|segment| segment.address()).filter(|address| *address <= end).max();
+    Ok(end - begin.ok_or("the image has no static variables")?)
 }
 
 /// What one frame of 400 samples costs the channel estimator, over those in which it finds just eight paths.
@@ -217,7 +266,7 @@ struct Cycles {
     hashes: Vec<String>,
     /// Instructions of every cycle.
     per_stage: Vec<[u64; STAGES.len()]>,
-    constructor_stack_bytes: u64,
+    start_stack_bytes: u64,
     stack_bytes: u64,
     tracker_bytes: u64,
     frame_buffer_bytes: u64,
@@ -227,7 +276,7 @@ impl Cycles {
     fn read(log: &str) -> Result<Self, Box<dyn Error>> {
         let mut hashes = Vec::new();
         let mut per_stage: Vec<[u64; STAGES.len()]> = Vec::new();
-        let mut constructor_stack_bytes = 0;
+        let mut start_stack_bytes = 0;
         let mut end = None;
         for line in log.lines() {
             let words: Vec<&str> = line.split_whitespace().collect();
@@ -240,7 +289,7 @@ impl Cycles {
                     }
                     per_stage.push(row);
                 }
-                ["constructor", "stack", bytes] => constructor_stack_bytes = bytes.parse()?,
+                ["start", "stack", bytes] => start_stack_bytes = bytes.parse()?,
                 ["stack", stack, "tracker", tracker, "frames", frames] => {
                     end = Some((stack.parse()?, tracker.parse()?, frames.parse()?));
                 }
@@ -254,14 +303,7 @@ impl Cycles {
         if hashes.is_empty() {
             return Err("the firmware printed no cycle".into());
         }
-        Ok(Self {
-            hashes,
-            per_stage,
-            constructor_stack_bytes,
-            stack_bytes,
-            tracker_bytes,
-            frame_buffer_bytes,
-        })
+        Ok(Self { hashes, per_stage, start_stack_bytes, stack_bytes, tracker_bytes, frame_buffer_bytes })
     }
 }
 
@@ -298,21 +340,22 @@ fn report() -> Result<bool, Box<dyn Error>> {
         &std::fs::read_to_string(value("--plan-host")?)?,
         &std::fs::read_to_string(value("--plan-log")?)?,
     )?;
+    let smaller = |name: &str| {
+        let text = |what: &str| {
+            Ok::<_, Box<dyn Error>>(std::fs::read_to_string(value(&format!("--{name}-{what}"))?)?)
+        };
+        Smaller::read(&std::fs::read(value(&format!("--{name}-image"))?)?, &text("host")?, &text("log")?)
+    };
     let image = std::fs::read(value("--image")?)?;
     let host_hashes: Vec<&str> = host.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
 
-    let Cycles { hashes, per_stage, constructor_stack_bytes, stack_bytes, tracker_bytes, frame_buffer_bytes } =
+    let Cycles { hashes, per_stage, start_stack_bytes, stack_bytes, tracker_bytes, frame_buffer_bytes } =
         Cycles::read(&log)?;
     let first_difference = (0..hashes.len().max(host_hashes.len()))
         .find(|&n| hashes.get(n).map(String::as_str) != host_hashes.get(n).copied());
 
     let elf = object::File::parse(image.as_slice())?;
-    // Everything that is loaded lies in flash, whatever its section's name.
-    let flash_bytes = elf.segments().map(|segment| segment.file_range().1).sum();
-    let end = elf.symbols().find(|symbol| symbol.name() == Ok("_stack_end")).map(|symbol| symbol.address());
-    let end = end.ok_or("the image says not where its static variables end")?;
-    let begin = elf.segments().map(|segment| segment.address()).filter(|address| *address <= end).max();
-    let static_bytes = end - begin.ok_or("the image has no static variables")?;
+    let static_bytes = static_bytes(&elf)?;
     let linked = |parts: &[&str]| -> Vec<String> {
         let names = elf.symbols().filter_map(|symbol| symbol.name().ok().map(str::to_owned));
         names.filter(|name| parts.iter().any(|part| name.contains(part))).collect()
@@ -344,9 +387,9 @@ fn report() -> Result<bool, Box<dyn Error>> {
         static_bytes,
         tracker_bytes,
         stack_bytes,
-        constructor_stack_bytes,
+        start_stack_bytes,
         frame_buffer_bytes,
-        flash_bytes,
+        flash_bytes: flash_bytes(&elf),
         panic_symbols: panics.len(),
         heap_symbols: heap.len(),
         instructions_per_stage,
@@ -355,6 +398,8 @@ fn report() -> Result<bool, Box<dyn Error>> {
         filter_walls,
         availability,
         planning,
+        four_anchors: smaller("four")?,
+        one_anchor: smaller("one")?,
     };
     if arguments.iter().any(|a| a == "--json") {
         println!("{}", serde_json::to_string_pretty(&report)?);
@@ -364,7 +409,12 @@ fn report() -> Result<bool, Box<dyn Error>> {
     for name in panics.iter().chain(&heap) {
         eprintln!("target_report: linked symbol {name}");
     }
-    let equal = report.equal && report.filter.equal && report.filter_walls.equal && report.planning.equal;
+    let equal = report.equal
+        && report.filter.equal
+        && report.filter_walls.equal
+        && report.planning.equal
+        && report.four_anchors.equal
+        && report.one_anchor.equal;
     Ok(equal && report.panic_symbols == 0 && report.heap_symbols == 0)
 }
 
@@ -392,13 +442,13 @@ fn print(report: &Report) {
         report.flash_bytes, report.panic_symbols, report.heap_symbols
     );
     println!(
-        "largest cycle {} instructions; RAM: static variables {} (the tracker {}) + stack {} bytes (construction {}); frame \
+        "largest cycle {} instructions; RAM: static variables {} (the tracker {}) + stack {} bytes (start {}); frame \
          buffer beside it {} bytes",
         report.instructions_per_cycle_max,
         report.static_bytes - report.frame_buffer_bytes,
         report.tracker_bytes,
         report.stack_bytes,
-        report.constructor_stack_bytes,
+        report.start_stack_bytes,
         report.frame_buffer_bytes
     );
     println!(
@@ -439,13 +489,27 @@ fn print(report: &Report) {
         report.planning.instructions[1],
         report.planning.stack_bytes
     );
+    for (of, smaller) in [("four anchors", &report.four_anchors), ("one anchor", &report.one_anchor)] {
+        println!(
+            "{of}: {} cycles, bits {} the host's; RAM {} bytes: static variables with the tracker ({}) + stack {} (start {}); \
+             flash {} bytes; {} instructions per cycle",
+            smaller.cycles,
+            if smaller.equal { "equal to" } else { "NOT EQUAL to" },
+            smaller.ram_bytes,
+            smaller.tracker_bytes,
+            smaller.stack_bytes,
+            smaller.start_stack_bytes,
+            smaller.flash_bytes,
+            smaller.instructions_per_cycle
+        );
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const CYCLE: &str = "constructor stack 70\ncycle 0 hash 8090 1 2 3 4 5 6 7 700000000000\n";
+    const CYCLE: &str = "start stack 70\ncycle 0 hash 8090 1 2 3 4 5 6 7 700000000000\n";
 
     #[test]
     fn a_run_that_came_to_its_end_gives_its_figures() {

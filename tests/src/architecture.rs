@@ -75,9 +75,9 @@ const ENTRIES: [&str; 19] = [
     "restore",
     "restore_map",
     "restrict",
+    "start",
     "sweep",
     "switch_antenna",
-    "tell",
     "tell_channel",
     "tell_range_bias",
 ];

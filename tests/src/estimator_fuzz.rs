@@ -334,9 +334,8 @@ pub fn batch(number: u64) -> Tally {
     let anchors =
         [Anchor { position_m: [0.5, 7.0], height_m: 1.0 }, Anchor { position_m: [5.2, 3.2], height_m: 1.0 }];
     let actions = [Action { carrier_hz: 7e9, pulse_duration_s: duration_s }];
-    let mut tracker =
-        Tracker::<2, 4, 4, 1, PATHS, 1, 8, 256>::new(config, &anchors, &Map::default(), &actions, number)
-            .expect("the settings are in range");
+    let mut tracker = Tracker::<2, 4, 4, 1, PATHS, 1, 8, 256, 6>::new();
+    tracker.start(&config, &anchors, &Map::default(), &actions, number).expect("the settings are in range");
 
     let mut tally = Tally::default();
     for index in 0..BATCH {
@@ -461,7 +460,7 @@ fn check_estimate(
 
 /// One cycle of a tracker; whether it took the frame.
 fn cycle(
-    tracker: &mut Tracker<2, 4, 4, 1, PATHS, 1, 8, 256>,
+    tracker: &mut Tracker<2, 4, 4, 1, PATHS, 1, 8, 256, 6>,
     frame: &Frame<'_>,
     config: &Config,
     fault: Option<SampleFault>,

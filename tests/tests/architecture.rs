@@ -56,11 +56,11 @@ fn a_planted_violation_is_found() {
         ("tracker/state", "impl T { pub fn step(&mut self) {} }", "step changes the whole tracker"),
         (
             "tracker/stages",
-            "fn f(tracker: &mut Tracker<1, 1, 1, 1, 1, 1, 1, 1>) {}",
+            "fn f(tracker: &mut Tracker<1, 1, 1, 1, 1, 1, 1, 1, 1>) {}",
             "takes the whole tracker",
         ),
         ("perceptor/scan", "use crate::Config;", "comes after it"),
-        ("model/motion", "fn f(t: &crate::Tracker<1, 1, 1, 1, 1, 1, 1, 1>) {}", "names the state Tracker"),
+        ("model/motion", "fn f(t: &crate::Tracker<1, 1, 1, 1, 1, 1, 1, 1, 1>) {}", "names the state Tracker"),
         ("memory/clutter", "use crate::memory::channel::*;", "comes after it"),
         ("utils", "", "is in no block"),
     ];

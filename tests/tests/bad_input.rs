@@ -1,16 +1,19 @@
 //! What bad input gets: a typed error that names it, and a state unchanged to the bit.
 
+use cogmint_core::application::waypoint::{WaypointError, WaypointSettings};
 use cogmint_core::controller::reward::Reward;
+use cogmint_core::model::motion::Motion;
 use cogmint_core::model::observation::{
     Frame, LONGEST_SCAN, Observation, Range, RangeScan, Samples, TagHeight,
 };
 use cogmint_core::model::source::Source;
 use cogmint_core::radio::library::{Action, LIBRARY_PUBLISHED};
 use cogmint_core::{
-    Anchor, Config, Error, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall, Setting, Tracker,
+    Anchor, Config, Error, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall, Setting, SnapshotError,
+    Tracker,
 };
 
-type Small = Tracker<2, 4, 4, 4, 8, 40, 8, 800>;
+type Small = Tracker<2, 4, 4, 4, 8, 40, 8, 800, 6>;
 
 const ANCHORS: [Anchor; 2] =
     [Anchor { position_m: [0.5, 7.0], height_m: 1.0 }, Anchor { position_m: [5.2, 3.2], height_m: 1.0 }];
@@ -32,7 +35,8 @@ fn tracker() -> Small {
     let plan =
         Plan { walls: &WALLS, segments: &SEGMENTS, reflections: 1, most_sources: 1, ..Plan::default() };
     let map = Map { virtual_anchors: &virtual_anchors, plan: Some(plan) };
-    let mut tracker = Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 5).unwrap();
+    let mut tracker = Small::new();
+    tracker.start(&config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 5).unwrap();
     for step in 0..20 {
         let frame = samples(step as f32);
         let observations = [complex(0, &frame), complex(1, &frame)];
@@ -244,7 +248,8 @@ fn a_long_gap_grows_the_uncertainty_up_to_the_reach_of_the_radio() {
     let mut config = config();
     // At constant velocity, an hour leads anywhere.
     config.motion.velocity_decay_s = f32::INFINITY;
-    let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 5).unwrap();
+    let mut tracker = Small::new();
+    tracker.start(&config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 5).unwrap();
     let gap = tracker.cycle(&[], 3600.0, None).unwrap();
     let reach = config.ranging.max_range_m;
     assert!(gap.entropy_nat.is_finite());
@@ -265,7 +270,8 @@ fn hours_without_any_frame_leave_every_number_finite() {
         config.start.velocity_std_m_s = 1000.0;
         config.ranging.bias_std_m = 0.15;
         config.controller.reward = reward;
-        let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
+        let mut tracker = Small::new();
+        tracker.start(&config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
         for cycle in 0..3000 {
             let report = tracker.cycle(&[], 3600.0, None).unwrap();
             assert!(report.entropy_nat.is_finite() && report.reward.is_finite(), "cycle {cycle}: {report:?}");
@@ -284,7 +290,8 @@ fn frames_of_any_accepted_strength_leave_every_number_finite() {
         for quiet in [1.0_f32, 1e-10, 0.0] {
             let mut config = config();
             config.radio.full_scale = None;
-            let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
+            let mut tracker = Small::new();
+            tracker.start(&config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
             for cycle in 0..30 {
                 let frame = samples(cycle as f32).map(|sample| {
                     let loud = if sample[0].abs() > 20.0 { strength } else { strength * quiet };
@@ -303,7 +310,7 @@ fn configurations_out_of_range_are_refused() {
     let refuse = |change: fn(&mut Config), setting: Setting| {
         let mut config = config();
         change(&mut config);
-        let outcome = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).map(|_| ());
+        let outcome = Small::new().start(&config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1);
         assert_eq!(outcome, Err(Error::Configuration(setting)));
     };
     refuse(|c| c.motion.acceleration_density_m2_s3 = f32::NAN, Setting::AccelerationDensity);
@@ -334,10 +341,70 @@ fn configurations_out_of_range_are_refused() {
 }
 
 #[test]
+fn a_tracker_that_is_not_started_takes_nothing_and_one_whose_start_was_refused_is_as_new() {
+    let (frame, empty) = (samples(0.0), Small::new());
+    let assert_empty = |tracker: &mut Small| {
+        assert_eq!(tracker.hash(), empty.hash());
+        assert_eq!(tracker.cycle(&[complex(0, &frame)], 0.1, None), Err(Error::NotStarted));
+        assert_eq!(tracker.begin(0.1, None), Err(Error::NotStarted));
+        assert_eq!(tracker.receive(&complex(0, &frame)), Err(Error::NotStarted));
+        assert_eq!(tracker.finish(), Err(Error::NotStarted));
+        assert_eq!(tracker.snapshot(&mut [0; 65_536]), Err(SnapshotError::NotStarted));
+        assert_eq!(tracker.restore(&[]), Err(SnapshotError::NotStarted));
+        assert_eq!(tracker.restrict(0, &[1]), Err(Error::UnknownAnchor { anchor: 0 }));
+        assert!(tracker.tell_channel(Source::Direct { anchor: 0 }, &[]).is_err());
+        let way = WaypointSettings { speed_m_s: 1.0, period_s: 0.1, metres_per_nat: 1.0 };
+        assert_eq!(tracker.choose_waypoint(&[[1.0; 2]], None, None, &way), Err(WaypointError::Searching));
+        assert_eq!(tracker.hash(), empty.hash());
+        // All of it, not what is hashed alone.
+        assert_eq!(format!("{tracker:?}"), format!("{empty:?}"));
+    };
+    assert_empty(&mut Small::new());
+    let image = MappedVirtualAnchor { anchor: 0, position_m: [1.0, 1.0], std_m: 0.1 };
+    let far = Anchor { position_m: [f32::NAN, 0.0], height_m: 0.0 };
+    let wild = Config { motion: Motion { velocity_decay_s: 0.0, ..config().motion }, ..config() };
+    let none = Plan { walls: &WALLS, segments: &[], ..Plan::default() };
+    let refused: [(Config, &[Anchor], Map<'_>, &[Action]); 5] = [
+        (wild, &ANCHORS, Map::default(), &LIBRARY_PUBLISHED),
+        (config(), &[far], Map::default(), &LIBRARY_PUBLISHED),
+        (config(), &ANCHORS, Map { virtual_anchors: &[image; 5], plan: None }, &LIBRARY_PUBLISHED),
+        (config(), &ANCHORS, Map { virtual_anchors: &[], plan: Some(none) }, &LIBRARY_PUBLISHED),
+        (config(), &ANCHORS, Map::default(), &[]),
+    ];
+    for (config, anchors, map, actions) in &refused {
+        for mut tracker in [Small::new(), tracker()] {
+            assert!(tracker.start(config, anchors, map, actions, 5).is_err());
+            assert_empty(&mut tracker);
+        }
+    }
+}
+
+#[test]
+fn a_tracker_that_is_started_again_is_as_one_that_never_ran() {
+    let start = |tracker: &mut Small| {
+        tracker.start(&config(), &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 5).unwrap();
+    };
+    let (mut fresh, mut again) = (Small::new(), tracker());
+    start(&mut fresh);
+    // In the middle of a cycle, too.
+    again.begin(0.1, None).unwrap();
+    again.receive(&complex(1, &samples(3.0))).unwrap();
+    start(&mut again);
+    assert_eq!(format!("{fresh:?}"), format!("{again:?}"));
+    for step in 0..20 {
+        let frame = samples(step as f32);
+        let observations = [complex(0, &frame), complex(1, &frame)];
+        let reports = [&mut fresh, &mut again].map(|own| own.cycle(&observations, 0.1, None).unwrap());
+        assert_eq!(reports[0], reports[1]);
+        assert_eq!(fresh.hash(), again.hash());
+    }
+}
+
+#[test]
 fn anchors_maps_and_libraries_out_of_range_are_refused() {
     let new = |anchors: &[Anchor], virtual_anchors: &[MappedVirtualAnchor], actions: &[Action]| {
         let map = Map { virtual_anchors, plan: None };
-        Small::new(config(), anchors, &map, actions, 1).map(|_| ()).unwrap_err()
+        Small::new().start(&config(), anchors, &map, actions, 1).unwrap_err()
     };
     assert_eq!(new(&[], &[], &LIBRARY_PUBLISHED), Error::AnchorCount { given: 0, limit: 2 });
     assert_eq!(new(&[ANCHORS[0]; 3], &[], &LIBRARY_PUBLISHED), Error::AnchorCount { given: 3, limit: 2 });
@@ -359,11 +426,11 @@ fn anchors_maps_and_libraries_out_of_range_are_refused() {
     }
     let exact = MappedVirtualAnchor { std_m: 0.0, ..image };
     let known = Map { virtual_anchors: &[exact], plan: None };
-    assert!(Small::new(config(), &ANCHORS, &known, &LIBRARY_PUBLISHED, 1).is_ok());
+    assert!(Small::new().start(&config(), &ANCHORS, &known, &LIBRARY_PUBLISHED, 1).is_ok());
     assert_eq!(new(&ANCHORS, &[], &[]), Error::Configuration(Setting::LibraryEmpty));
     let planned = |plan| {
         let map = Map { virtual_anchors: &[], plan: Some(plan) };
-        Small::new(config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 1).map(|_| ()).unwrap_err()
+        Small::new().start(&config(), &ANCHORS, &map, &LIBRARY_PUBLISHED, 1).unwrap_err()
     };
     let plan = Plan { walls: &WALLS, segments: &SEGMENTS, ..Plan::default() };
     assert_eq!(planned(Plan { segments: &[SEGMENTS[0]; 5], ..plan }), Error::PlanSize { given: 5, limit: 4 });
@@ -430,7 +497,8 @@ fn each_anchor_keeps_to_the_actions_it_may_use() {
     config.controller.per_anchor = true;
     config.controller.choice.exploration_per_s = 5.0;
     config.controller.first_action = 30;
-    let mut tracker = Small::new(config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
+    let mut tracker = Small::new();
+    tracker.start(&config, &ANCHORS, &Map::default(), &LIBRARY_PUBLISHED, 1).unwrap();
     assert_eq!(tracker.restrict(9, &[1]), Err(Error::UnknownAnchor { anchor: 9 }));
     assert_eq!(tracker.restrict(0, &[1, 40]), Err(Error::UnknownAction { action: 40 }));
     assert_eq!(tracker.restrict(0, &[]), Err(Error::Configuration(Setting::Restriction)));

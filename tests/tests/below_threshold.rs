@@ -147,8 +147,8 @@ fn noise_alone_makes_nobody_sure() {
         config.start.position_m = [4.0, 4.0];
         config.start.position_std_m = 0.15;
         let map = Map { virtual_anchors: &images, plan: None };
-        let mut tracker =
-            Tracker::<2, 5, 5, 1, 16, 1, 8, 800>::new(config, &anchors, &map, &actions, run.into()).unwrap();
+        let mut tracker = Tracker::<2, 5, 5, 1, 16, 1, 8, 800, 6>::new();
+        tracker.start(&config, &anchors, &map, &actions, run.into()).unwrap();
         // Where the tag truly stands: as the start says, by a spiral of equal areas.
         let radius = 0.15 * (-2.0 * (1.0 - (f64::from(run) + 0.5) / 40.0).ln()).sqrt();
         let angle = 2.399_963 * f64::from(run);

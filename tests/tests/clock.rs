@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-type Small = Tracker<4, 4, 4, 1, 8, 1, 16, 800>;
+type Small = Tracker<4, 4, 4, 1, 8, 1, 16, 800, 6>;
 
 const ANCHORS: [Anchor; 4] = [
     Anchor { position_m: [0.0, 0.0], height_m: 2.5 },
@@ -48,7 +48,9 @@ fn tracker(velocity_decay_s: f32) -> Small {
     config.start.velocity_std_m_s = 0.7;
     config.ranging.max_range_m = 30.0;
     let actions = [Action { carrier_hz: 7e9, pulse_duration_s: 2e-9 }];
-    Small::new(config, &ANCHORS, &Map::default(), &actions, 1).unwrap()
+    let mut tracker = Small::new();
+    tracker.start(&config, &ANCHORS, &Map::default(), &actions, 1).unwrap();
+    tracker
 }
 
 /// The ranges of all anchors at a place of the tag, as high as the anchors.

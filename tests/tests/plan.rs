@@ -261,14 +261,10 @@ fn constants_for_firmware_are_those_of_the_plan_and_the_core_takes_them() {
     let told = cogmint::told_plan::ToldPlan::new(export.plan.as_ref().unwrap());
     assert_eq!(plan, Some(told.plan()));
     let actions = [cogmint_core::radio::library::Action { carrier_hz: 6.4896e9, pulse_duration_s: 2e-9 }];
-    let tracker = Tracker::<4, 24, 24, 64, 16, 1, 8, 800>::new(
-        Config::default(),
-        &firmware::ANCHORS,
-        &firmware::MAP,
-        &actions,
-        1,
-    )
-    .unwrap_or_else(|error| panic!("{error}"));
+    let mut tracker = Tracker::<4, 24, 24, 64, 16, 1, 8, 800, 6>::new();
+    tracker
+        .start(&Config::default(), &firmware::ANCHORS, &firmware::MAP, &actions, 1)
+        .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(listed(&tracker), printed(&export));
 }
 
@@ -285,8 +281,9 @@ fn listed<
     const AC: usize,
     const C: usize,
     const R: usize,
+    const N: usize,
 >(
-    tracker: &Tracker<A, SU, SO, SE, P, AC, C, R>,
+    tracker: &Tracker<A, SU, SO, SE, P, AC, C, R, N>,
 ) -> Vec<Listed> {
     let wall =
         |surface: u8| tracker.plan().wall_of(usize::from(surface)).expect("every source is of the plan");

@@ -177,9 +177,9 @@ fn a_bias_is_told_of_an_anchor_there_is_before_the_first_cycle() {
         assert_eq!(tracker.filter().bias_m(anchor), Some(expected));
     }
     tracker.begin(0.1, None).unwrap();
-    assert_eq!(tracker.tell_range_bias(0, 0.1, 0.1), Err(Error::AlreadyTold));
+    assert_eq!(tracker.tell_range_bias(0, 0.1, 0.1), Err(Error::AlreadyBegun));
     tracker.finish().unwrap();
-    assert_eq!(tracker.tell_range_bias(0, 0.1, 0.1), Err(Error::AlreadyTold));
+    assert_eq!(tracker.tell_range_bias(0, 0.1, 0.1), Err(Error::AlreadyBegun));
     // Known exactly, it stays.
     assert_eq!(tracker.filter().bias_m(0), Some((0.5, 0.0)));
 }
@@ -200,14 +200,16 @@ fn core_and_reference_agree_in_every_bit() {
 
 #[test]
 fn an_antenna_beside_the_centre_needs_a_heading() {
-    type Small = Tracker<1, 2, 2, 2, 4, 2, 2, 0>;
+    type Small = Tracker<1, 2, 2, 2, 4, 2, 2, 0, 6>;
     let anchors = [Anchor { position_m: [0.0, 0.0], height_m: 0.0 }];
     let library = &cogmint_core::radio::library::LIBRARY_DW3000;
-    let mut plain = Small::new(Config::default(), &anchors, &Map::default(), library, 1).unwrap();
+    let mut plain = Small::new();
+    plain.start(&Config::default(), &anchors, &Map::default(), library, 1).unwrap();
     assert_eq!(plain.switch_antenna([0.2, 0.0]), Err(Error::LeverArm));
     assert_eq!(plain.switch_antenna([0.0, 0.0]), Ok(()));
     let config = Config { has_heading: true, ..Config::default() };
-    let mut body = Small::new(config, &anchors, &Map::default(), library, 1).unwrap();
+    let mut body = Small::new();
+    body.start(&config, &anchors, &Map::default(), library, 1).unwrap();
     for wrong in [[f32::NAN, 0.0], [0.0, 2e3]] {
         assert_eq!(body.switch_antenna(wrong), Err(Error::LeverArm));
     }

@@ -40,14 +40,8 @@ fn fresh_seeds_are_tracked_from_two_anchors_and_no_map() {
 fn a_full_map_says_so_and_goes_on() {
     let recording = SlamRanges::default().record(2);
     let setup = Setup::new(&recording, Path::new("slam scenario"), None).unwrap();
-    let mut tracker = Tracker::<2, 2, 2, 1, 16, 40, 8, 0>::new(
-        setup.config,
-        &setup.anchors,
-        &Map::default(),
-        &setup.actions,
-        setup.seed,
-    )
-    .unwrap();
+    let mut tracker = Tracker::<2, 2, 2, 1, 16, 40, 8, 0, 6>::new();
+    tracker.start(&setup.config, &setup.anchors, &Map::default(), &setup.actions, setup.seed).unwrap();
     let (mut discovered, mut map_full) = (0, 0);
     for input in inputs(&recording) {
         let report = tracker.cycle(&input.observations(), input.elapsed_s, None).unwrap();

@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::{
 };
 use two_slots::{StorageError, TwoSlots};
 
-type SmallTracker = Tracker<2, 1, 2, 1, 2, 2, 2, 0>;
+type SmallTracker = Tracker<2, 1, 2, 1, 2, 2, 2, 0, 6>;
 
 /// Where the slots are, and how long they are, bytes.
 const BEGIN: u32 = 4096;
@@ -100,7 +100,9 @@ fn tracker() -> SmallTracker {
     let anchors = [[0.0, 0.0], [10.0, 0.0]].map(|position_m| Anchor { position_m, height_m: 0.0 });
     let mut config = Config::pedestrian(RadioPreset::Dw3000);
     config.start.position_m = [4.0, 3.0];
-    SmallTracker::new(config, &anchors, &Map::default(), RadioPreset::Dw3000.library(), 1).unwrap()
+    let mut tracker = SmallTracker::new();
+    tracker.start(&config, &anchors, &Map::default(), RadioPreset::Dw3000.library(), 1).unwrap();
+    tracker
 }
 
 fn walk(tracker: &mut SmallTracker, cycles: u8) {

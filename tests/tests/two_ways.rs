@@ -279,8 +279,11 @@ fn frames_of_unequal_pulses_give_the_same_bits_in_any_order() {
     config.controller.per_anchor = true;
     config.controller.choice.exploration_per_s = 5.0;
     config.start.position_m = [4.0, 3.0];
-    let new =
-        || Tracker::<2, 4, 4, 1, 8, 3, 8, 800>::new(config, &anchors, &Map::default(), &actions, 5).unwrap();
+    let new = || {
+        let mut tracker = Tracker::<2, 4, 4, 1, 8, 3, 8, 800, 6>::new();
+        tracker.start(&config, &anchors, &Map::default(), &actions, 5).unwrap();
+        tracker
+    };
     let (mut at_once, mut one_by_one) = (new(), new());
     let mut rng = Xoshiro128PlusPlus::seed_from_u64(9);
     let mut unequal = 0;

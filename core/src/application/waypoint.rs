@@ -795,9 +795,9 @@ mod tests {
         let start = Start { position_m: [4.0, 0.0], position_std_m: 0.3, velocity_std_m_s: 1.0 };
         let config = Config { start, ..Config::default() };
         let library = &LIBRARY_PUBLISHED;
-        let mut tracker =
-            Tracker::<1, 1, 1, 1, 4, 40, 16, 0>::new(config, &anchors, &Map::default(), library, 1).unwrap();
-        let ask = |tracker: &Tracker<1, 1, 1, 1, 4, 40, 16, 0>| {
+        let mut tracker = Tracker::<1, 1, 1, 1, 4, 40, 16, 0, 6>::new();
+        tracker.start(&config, &anchors, &Map::default(), library, 1).unwrap();
+        let ask = |tracker: &Tracker<1, 1, 1, 1, 4, 40, 16, 0, 6>| {
             tracker.choose_waypoint(&[[1.0, 0.0]], None, None, &settings(1.0))
         };
         assert!(ask(&tracker).is_ok());

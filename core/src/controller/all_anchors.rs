@@ -31,16 +31,33 @@ pub struct Decision {
 
 impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
     /// Controllers of `anchors` anchors that know nothing yet.
-    #[inline(always)] // built where it stays
-    pub fn new(settings: ControllerSettings, anchors: usize, library: &Library<ACTIONS>, seed: u64) -> Self {
-        let mut controllers = Vec::new();
+    pub fn start(
+        &mut self,
+        settings: ControllerSettings,
+        anchors: usize,
+        library: &Library<ACTIONS>,
+        seed: u64,
+    ) {
+        self.clear();
+        self.anchors = anchors;
         let own = if settings.per_anchor { anchors } else { 1 };
         for index in 0..own {
             let seed = seed ^ (index as u64).wrapping_mul(0xd1b5_4a32_d192_ed03);
             // No more than anchors: the push succeeds.
-            let _ = controllers.push(Controller::new(settings, library.all(), seed));
+            let _ = self.controllers.push(Controller::new(settings, library.all(), seed));
         }
-        Self { controllers, anchors, links: LinkStatus::default() }
+    }
+
+    /// None, of no anchors: to be started.
+    pub const fn empty() -> Self {
+        Self { controllers: Vec::new(), anchors: 0, links: LinkStatus::empty() }
+    }
+
+    /// None again.
+    pub fn clear(&mut self) {
+        self.controllers.clear();
+        self.anchors = 0;
+        self.links = LinkStatus::empty();
     }
 
     /// That of all randomness.
@@ -150,7 +167,7 @@ impl<const ANCHORS: usize, const ACTIONS: usize> Controllers<ANCHORS, ACTIONS> {
     /// They forget everything but what they were told.
     pub(crate) fn reset(&mut self) {
         self.controllers.iter_mut().for_each(Controller::reset);
-        self.links = LinkStatus::default();
+        self.links = LinkStatus::empty();
     }
 
     /// Who answered of late.

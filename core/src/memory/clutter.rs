@@ -26,15 +26,22 @@ pub struct ClutterMemory<const ANCHORS: usize> {
 }
 
 impl<const ANCHORS: usize> ClutterMemory<ANCHORS> {
-    /// What is expected at the start.
-    pub fn new(settings: AssociationSettings, ranging: &Ranging) -> Self {
-        let unexplained = settings.clutter_per_anchor + settings.unmapped_per_anchor;
+    /// Nothing is expected: to be started.
+    pub const fn empty() -> Self {
         Self {
-            settings,
-            per_m: 1.0 / ranging.max_range_m,
-            unexplained: [unexplained; ANCHORS],
-            backgrounds: [Background::USUAL; ANCHORS],
+            settings: AssociationSettings::NONE,
+            per_m: 0.0,
+            unexplained: [0.0; ANCHORS],
+            backgrounds: [Background::NONE; ANCHORS],
         }
+    }
+
+    /// What is expected at the start.
+    pub fn start(&mut self, settings: AssociationSettings, ranging: &Ranging) {
+        self.settings = settings;
+        self.per_m = 1.0 / ranging.max_range_m;
+        self.unexplained = [settings.clutter_per_anchor + settings.unmapped_per_anchor; ANCHORS];
+        self.backgrounds = [Background::USUAL; ANCHORS];
     }
 
     /// Intensities of what an anchor delivers that belongs to nothing known.

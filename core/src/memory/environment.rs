@@ -15,7 +15,7 @@ use crate::model::source::Source;
 use crate::perceptor::association::outcome::AssociatedScan;
 use crate::perceptor::expectation::Sighting;
 use crate::real::{is_probability, smaller};
-use crate::snapshot::stored;
+use crate::snapshot::{Blank, Reader, Sink, SnapshotError, Stored, Written, stored};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
@@ -103,22 +103,86 @@ pub enum Origin {
     Discovered,
 }
 
+/// `N` places, free or taken; none before the start. A list, because one without entries is all zeros, which an array of free places
+/// is not: a static tracker of zeros takes no flash.
+#[derive(Clone, Debug)]
+struct Slots<T, const N: usize>(Vec<Option<T>, N>);
+
+impl<T: Clone, const N: usize> Slots<T, N> {
+    const fn empty() -> Self {
+        Self(Vec::new())
+    }
+
+    /// All places, free.
+    fn start(&mut self) {
+        self.0.clear();
+        while self.0.push(None).is_ok() {}
+    }
+}
+
+impl<T, const N: usize> core::ops::Deref for Slots<T, N> {
+    type Target = [Option<T>];
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl<T, const N: usize> core::ops::DerefMut for Slots<T, N> {
+    fn deref_mut(&mut self) -> &mut [Option<T>] {
+        &mut self.0
+    }
+}
+
+impl<T: Written, const N: usize> Written for Slots<T, N> {
+    fn write(&self, to: &mut impl Sink) {
+        self.iter().for_each(|place| place.write(to));
+    }
+}
+
+impl<T: Blank, const N: usize> Stored for Slots<T, N> {
+    fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
+        self.iter_mut().try_for_each(|place| place.read(from))
+    }
+}
+
 /// The sources and their surfaces by slot.
 #[derive(Clone, Debug)]
 pub struct EnvironmentMemory<const SURFACES: usize, const SOURCES: usize> {
-    sources: [Option<Record>; SOURCES],
-    surfaces: [Option<SurfaceRecord>; SURFACES],
+    sources: Slots<Record, SOURCES>,
+    surfaces: Slots<SurfaceRecord, SURFACES>,
     /// Whose turn it is to be joined, counted on.
     turn: u32,
 }
 
 impl<const SURFACES: usize, const SOURCES: usize> Default for EnvironmentMemory<SURFACES, SOURCES> {
     fn default() -> Self {
-        Self { sources: [None; SOURCES], surfaces: [None; SURFACES], turn: 0 }
+        let mut own = Self::empty();
+        own.start();
+        own
     }
 }
 
 impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SOURCES> {
+    /// Without any places: to be started.
+    pub const fn empty() -> Self {
+        Self { sources: Slots::empty(), surfaces: Slots::empty(), turn: 0 }
+    }
+
+    /// All places are free.
+    pub fn start(&mut self) {
+        self.sources.start();
+        self.surfaces.start();
+        self.turn = 0;
+    }
+
+    /// Without any places again.
+    pub fn clear(&mut self) {
+        self.sources.0.clear();
+        self.surfaces.0.clear();
+        self.turn = 0;
+    }
+
     /// The source in `slot`; `None` where the slot is free.
     pub fn get(&self, slot: usize) -> Option<&Record> {
         self.sources.get(slot)?.as_ref()
@@ -187,8 +251,10 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
     }
 
     /// Takes all sources out, surfaces stay.
-    pub(crate) fn take_sources(&mut self) -> [Option<Record>; SOURCES] {
-        core::mem::replace(&mut self.sources, [None; SOURCES])
+    pub(crate) fn take_sources(&mut self) -> Vec<Option<Record>, SOURCES> {
+        let taken = self.sources.0.clone();
+        self.sources.start();
+        taken
     }
 
     /// Enters a source in the first free slot where it is not there yet; false where there is no room.

@@ -37,6 +37,12 @@ pub struct LatenessMemory<const ANCHORS: usize> {
 }
 
 impl<const ANCHORS: usize> LatenessMemory<ANCHORS> {
+    /// Nothing is known: to be started.
+    pub const fn empty() -> Self {
+        let lateness = Lateness { share: 0.0, mean_m: 0.0 };
+        Self { own: [Learnt { ranges: 0.0, late: 0.0, lateness }; ANCHORS] }
+    }
+
     /// Half of all ranges are late, by `mean_m` metres on average, a centimetre at least; with 0, none ever is.
     pub fn new(mean_m: f32) -> Self {
         let lateness = if mean_m > 0.0 {

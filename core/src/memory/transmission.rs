@@ -16,13 +16,15 @@ pub const LEAST_CLEAR: f32 = 0.1;
 pub const USUAL_CLEAR: f32 = 0.8;
 
 /// Seconds of looking, and of them with a path.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Looks {
     found_s: f32,
     looked_s: f32,
 }
 
 impl Looks {
+    const NONE: Self = Self { found_s: 0.0, looked_s: 0.0 };
+
     fn add(&mut self, found: f32, elapsed_s: f32) {
         self.found_s += elapsed_s * found;
         self.looked_s += elapsed_s;
@@ -36,17 +38,16 @@ pub struct TransmissionMemory<const SEGMENTS: usize> {
     walls: [Looks; SEGMENTS],
 }
 
-impl<const SEGMENTS: usize> Default for TransmissionMemory<SEGMENTS> {
-    fn default() -> Self {
-        Self { clear: Looks::default(), walls: [Looks::default(); SEGMENTS] }
-    }
-}
-
 impl<const SEGMENTS: usize> TransmissionMemory<SEGMENTS> {
+    /// Nobody has looked yet.
+    pub const fn empty() -> Self {
+        Self { clear: Looks::NONE, walls: [Looks::NONE; SEGMENTS] }
+    }
+
     /// Share (0 to 1) of the paths through a wall that come.
     pub fn through(&self, wall: usize) -> f32 {
         let clear = larger((self.clear.found_s + USUAL_CLEAR) / (self.clear.looked_s + 1.0), LEAST_CLEAR);
-        let Looks { found_s, looked_s } = self.walls.get(wall).copied().unwrap_or_default();
+        let Looks { found_s, looked_s } = self.walls.get(wall).copied().unwrap_or(Looks::NONE);
         smaller((USUAL_S * (USUAL_THROUGH * clear) + found_s) / ((USUAL_S + looked_s) * clear), 1.0)
     }
 
@@ -107,7 +108,7 @@ mod tests {
 
     #[test]
     fn a_wall_lets_through_what_it_was_seen_to_and_before_that_what_walls_do() {
-        let mut memory = TransmissionMemory::<2>::default();
+        let mut memory = TransmissionMemory::<2>::empty();
         assert!((memory.through(1) - USUAL_THROUGH).abs() < 1e-6);
         for _ in 0..1000 {
             memory.observe(Crossing::None, 0.6, 0.1);

@@ -150,10 +150,9 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         Self { walls, hide: true }
     }
 
-    /// The same, every path being available if its walls are there at all.
-    #[must_use]
-    pub fn open(self) -> Self {
-        Self { hide: false, ..self }
+    /// From now on every path is available if its walls are there at all.
+    pub fn open(&mut self) {
+        self.hide = false;
     }
 
     /// The paths from an anchor to a place known within `std_m` per axis.

@@ -32,6 +32,18 @@ pub struct Ranging {
 }
 
 impl Ranging {
+    /// That of a tracker that is not started.
+    pub(crate) const NONE: Self = Self {
+        variance_inflation: 0.0,
+        floor_m: 0.0,
+        floor_pulses: 0.0,
+        alike_s: 0.0,
+        bias_mean_m: 0.0,
+        bias_std_m: 0.0,
+        late_m: 0.0,
+        max_range_m: 0.0,
+    };
+
     /// The variance the filter works with: inflated, and never below the floor.
     pub(crate) fn measurement_variance_m2(&self, variance_m2: f32) -> f32 {
         self.variance_inflation * variance_m2 + self.floor_m * self.floor_m

@@ -49,7 +49,21 @@ pub struct Agent {
     pub covariance: Matrix4<f32>,
 }
 
+impl Motion {
+    /// That of a tracker that is not started.
+    pub(crate) const NONE: Self =
+        Self { acceleration_density_m2_s3: 0.0, velocity_decay_s: 0.0, virtual_anchor_walk_m_sqrt_s: 0.0 };
+}
+
 impl Agent {
+    /// All zeros.
+    pub(crate) const NONE: Self = Self {
+        mean: Vector4::new(0.0, 0.0, 0.0, 0.0),
+        covariance: Matrix4::new(
+            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        ),
+    };
+
     /// Covariance of the velocity alone, m^2/s^2.
     pub fn velocity_covariance_m2_s2(&self) -> Matrix2<f32> {
         let c = &self.covariance;

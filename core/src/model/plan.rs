@@ -104,7 +104,7 @@ pub struct Segment {
 }
 
 /// A floor plan as it is kept.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FloorPlan<const SEGMENTS: usize> {
     walls: Vec<Wall, SEGMENTS>,
     segments: Vec<Segment, SEGMENTS>,
@@ -117,7 +117,7 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
     /// # Errors
     /// The first wall, segment or corner that is out of range, or more of them than there is room for.
     pub fn new(plan: &Plan<'_>) -> Result<Self, Error> {
-        let mut kept = Self::default();
+        let mut kept = Self::empty();
         kept.keep(plan)?;
         Ok(kept)
     }
@@ -136,7 +136,13 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
         kept
     }
 
-    fn clear(&mut self) {
+    /// No plan.
+    pub const fn empty() -> Self {
+        Self { walls: Vec::new(), segments: Vec::new(), outline_m: Vec::new() }
+    }
+
+    /// No plan again.
+    pub fn clear(&mut self) {
         self.walls.clear();
         self.segments.clear();
         self.outline_m.clear();

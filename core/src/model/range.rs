@@ -43,7 +43,23 @@ pub struct SurfaceSlope {
     pub slope: [f32; 2],
 }
 
+impl SurfaceSlope {
+    /// Over no surface.
+    pub const NONE: Self = Self { surface: None, slope: [0.0; 2] };
+}
+
 impl Regression {
+    /// Of a range that depends on nothing.
+    pub(crate) const NONE: Self = Self {
+        source: Source::Direct { anchor: 0 },
+        range_m: 0.0,
+        slope: [0.0; 2],
+        surfaces: [SurfaceSlope::NONE; 2],
+        heading: [0.0; 2],
+        residual_m2: 0.0,
+        explained_m2: 0.0,
+    };
+
     /// Variance of the expected range, square metres.
     pub fn variance_m2(&self) -> f32 {
         self.explained_m2 + self.residual_m2

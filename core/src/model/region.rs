@@ -19,6 +19,9 @@ pub struct Region {
 }
 
 impl Region {
+    /// No region.
+    pub(crate) const NONE: Self = Self { centre_m: [0.0; 2], covariance_m2: [0.0; 3], area_m2: 0.0 };
+
     /// What these anchors reach: a disc about their mean.
     pub fn reached(anchors: &[Anchor], reach_m: f32) -> Self {
         let share = 1.0 / larger(anchors.len() as f32, 1.0);

@@ -57,18 +57,20 @@ impl Line {
 /// A surface that images are seen in; its two numbers are states of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+// None of them is 0, so that no surface is: a static tracker of zeros takes no flash.
+#[repr(u8)]
 pub enum Surface {
     /// A wall on this line but for an offset (metres) and a rotation (radians; see [`Line::moved`]), its two numbers.
-    Wall(Line),
+    Wall(Line) = 1,
     /// One anchor's image alone: its position (metres) is the two numbers.
-    Private,
+    Private = 2,
     /// No surface, but two numbers like those of one, that the antennas of a body have in common: the unit vector along its axis,
     /// which is drawn anew as often as this, per second. Of an antenna x ahead of the body's centre and y to its left, the place is
     /// linear in it.
     Heading {
         /// Turns per second.
         turns_per_s: f32,
-    },
+    } = 3,
 }
 
 written!(Line { centre_m, normal });

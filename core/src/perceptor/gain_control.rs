@@ -31,7 +31,7 @@ pub const WALK_PER_S: f32 = 0.11;
 pub const CHANGED_SHARE: f32 = 0.1;
 
 /// What is known of the frames of one anchor.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainControl {
     /// Mean of ln of what stands out over the white noise, at the reference carrier; `None` before the first frame.
     standing_ln: Option<f32>,
@@ -40,6 +40,9 @@ pub struct GainControl {
 }
 
 impl GainControl {
+    /// Before the first frame.
+    pub(crate) const NONE: Self = Self { standing_ln: None, sought: None };
+
     /// The power, in squared units of the samples, to be taken as 1 in a frame received with `action`, with this level of
     /// white noise, `elapsed_s` seconds after the last; `loss_ln` is ln of the power lost to the reference carrier, `is_sought` says that a lost tag is sought with
     /// an action that is not the one held. Finite and positive.
@@ -137,7 +140,7 @@ mod tests {
 
     #[test]
     fn the_gain_is_found_whatever_it_is() {
-        let mut control = GainControl::default();
+        let mut control = GainControl::NONE;
         for gain in [1.0, 30.0, 1e-4, 1e6, 0.5] {
             assert!((unit(&mut control, gain, 1.0) / gain - 1.0).abs() < 0.02, "{gain}");
         }
@@ -146,7 +149,7 @@ mod tests {
     /// An interferer of 13 dB stays: all of it is noise.
     #[test]
     fn noise_that_rises_is_no_gain() {
-        let mut control = GainControl::default();
+        let mut control = GainControl::NONE;
         (0..20).for_each(|_| assert!((unit(&mut control, 2.0, 1.0) / 2.0 - 1.0).abs() < 0.02));
         for frame in 0..10 {
             let found = unit(&mut control, 3.0, 20.0) / 3.0;
@@ -159,7 +162,7 @@ mod tests {
     /// Paths that weaken slowly, by 20 dB in 100 frames, are no noise.
     #[test]
     fn paths_may_weaken() {
-        let mut control = GainControl::default();
+        let mut control = GainControl::NONE;
         for frame in 0..100 {
             let strength = 10_f32.powf(-0.02 * frame as f32);
             let mut samples = [1.0; 200];
@@ -180,7 +183,7 @@ mod tests {
     /// one is quiet, and by how much the first is not is known.
     #[test]
     fn an_interferer_that_was_always_there_is_unmasked_where_the_tag_is_found() {
-        let mut control = GainControl::default();
+        let mut control = GainControl::NONE;
         (0..20).for_each(|_| assert_eq!(path_in(&mut control, 2, 20.0, false), 20.0));
         assert!(control.found().is_none() && control.sought_with().is_none());
         let before = control;
@@ -202,7 +205,7 @@ mod tests {
     #[test]
     fn what_stood_out_where_the_tag_was_lost_is_no_measure() {
         for (is_sought, unit) in [(false, 1e-4..0.1), (true, 0.99..1.01)] {
-            let mut control = GainControl::default();
+            let mut control = GainControl::NONE;
             (0..5).for_each(|_| {
                 path_in(&mut control, 0, 1.0, false);
             });
@@ -215,7 +218,7 @@ mod tests {
 
     #[test]
     fn any_samples_give_a_unit() {
-        let mut control = GainControl::default();
+        let mut control = GainControl::NONE;
         for magnitude in [0.0, 1e-20, 1.0, 1e18, f32::MAX] {
             for white in [0.0, 1e-38, 1.0, f32::MAX] {
                 for samples in [&[magnitude; 40][..], &[]] {

@@ -62,37 +62,69 @@ pub struct Delivered<const ANCHORS: usize> {
     ranged: [bool; ANCHORS],
 }
 
-impl<const ANCHORS: usize> Default for Delivered<ANCHORS> {
-    fn default() -> Self {
-        Self { framed: [false; ANCHORS], ranged: [false; ANCHORS] }
-    }
+impl<const ANCHORS: usize> Delivered<ANCHORS> {
+    /// None.
+    pub const NONE: Self = Self { framed: [false; ANCHORS], ranged: [false; ANCHORS] };
 }
 
 impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANCHORS, PATHS, POINTS> {
+    /// Without a radio: to be started.
+    pub const fn empty() -> Self {
+        Self {
+            radio: Radio::NONE,
+            estimator_settings: EstimatorSettings::NONE,
+            ranging: Ranging::NONE,
+            estimator: ChannelEstimator::empty(),
+            estimator_pulse: Pulse::NONE,
+            gain_control: [GainControl::NONE; ANCHORS],
+            last_sequence: [None; ANCHORS],
+            silent_s: [[0.0; 2]; ANCHORS],
+            threshold: 0.0,
+            residuals: [const { Residual::empty() }; ANCHORS],
+            leaves: false,
+        }
+    }
+
     /// Nothing received yet; `pulse` is that of the first action. What paths leave of frames is kept where it `leaves` anything.
-    #[inline(always)] // built where it stays
-    pub fn new(
+    #[inline(never)]
+    pub fn start(
+        &mut self,
         radio: Radio,
         estimator_settings: EstimatorSettings,
         ranging: Ranging,
         pulse: Pulse,
         leaves: bool,
-    ) -> Self {
-        let estimator = build_estimator(&radio, estimator_settings, pulse);
-        let threshold = estimator.threshold(&Samples::Complex(&[]));
-        Self {
-            radio,
-            estimator_settings,
-            ranging,
-            estimator,
-            estimator_pulse: pulse,
-            gain_control: [GainControl::default(); ANCHORS],
-            last_sequence: [None; ANCHORS],
-            silent_s: [[0.0; 2]; ANCHORS],
-            threshold,
-            residuals: core::array::from_fn(|_| Residual::default()),
-            leaves: leaves && POINTS > 0,
-        }
+    ) {
+        let (spacing_s, samples) = (radio.sample_spacing_s, radio.samples_per_frame);
+        self.estimator.start(pulse, spacing_s, samples, radio.false_paths_per_frame, estimator_settings);
+        self.threshold = self.estimator.threshold(&Samples::Complex(&[]));
+        self.radio = radio;
+        self.estimator_settings = estimator_settings;
+        self.ranging = ranging;
+        self.estimator_pulse = pulse;
+        self.leaves = leaves && POINTS > 0;
+        self.forget();
+    }
+
+    /// Without a radio again.
+    #[inline(never)]
+    pub fn clear(&mut self) {
+        self.estimator = ChannelEstimator::empty();
+        self.threshold = 0.0;
+        self.radio = Radio::NONE;
+        self.estimator_settings = EstimatorSettings::NONE;
+        self.ranging = Ranging::NONE;
+        self.estimator_pulse = Pulse::NONE;
+        self.leaves = false;
+        self.forget();
+    }
+
+    /// As if nothing had been received.
+    fn forget(&mut self) {
+        self.gain_control = [GainControl::NONE; ANCHORS];
+        self.last_sequence = [None; ANCHORS];
+        self.silent_s = [[0.0; 2]; ANCHORS];
+        self.residuals.iter_mut().for_each(Residual::clear);
     }
 
     /// Time passes.
@@ -148,6 +180,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     }
 
     /// Takes an observation in that [`Self::check`] has passed; `seen` is shown what was estimated of a frame.
+    #[inline(never)]
     pub fn receive<const ACTIONS: usize>(
         &mut self,
         scans: &mut Scans<ANCHORS, PATHS>,
@@ -199,7 +232,10 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         let Some(action) = library.get(frame.action) else { return };
         let pulse = self.radio.pulse(action);
         if pulse != self.estimator_pulse {
-            self.rebuild(pulse);
+            let (spacing_s, samples) = (self.radio.sample_spacing_s, self.radio.samples_per_frame);
+            let false_paths = self.radio.false_paths_per_frame;
+            self.estimator.change(pulse, spacing_s, samples, false_paths, self.estimator_settings);
+            self.estimator_pulse = pulse;
         }
         let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
         seen(&estimate);
@@ -329,7 +365,9 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     /// Makes the estimator anew, for this pulse.
     #[inline(never)]
     pub(crate) fn rebuild(&mut self, pulse: Pulse) {
-        self.estimator = build_estimator(&self.radio, self.estimator_settings, pulse);
+        let (spacing_s, samples) = (self.radio.sample_spacing_s, self.radio.samples_per_frame);
+        let false_paths = self.radio.false_paths_per_frame;
+        self.estimator.start(pulse, spacing_s, samples, false_paths, self.estimator_settings);
         self.estimator_pulse = pulse;
     }
 
@@ -343,20 +381,6 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     pub fn threshold(&self) -> f32 {
         self.threshold
     }
-}
-
-fn build_estimator<const PATHS: usize>(
-    radio: &Radio,
-    estimator: EstimatorSettings,
-    pulse: Pulse,
-) -> ChannelEstimator<PATHS> {
-    ChannelEstimator::new(
-        pulse,
-        radio.sample_spacing_s,
-        radio.samples_per_frame,
-        radio.false_paths_per_frame,
-        estimator,
-    )
 }
 
 stored!(

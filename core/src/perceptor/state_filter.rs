@@ -97,7 +97,6 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     /// A tag somewhere around `position_m` with no surfaces, of which never less is known than that it is within `reach_m`, metres.
     /// A `bias_std_m` of 0 switches the biases off
     /// (they stay at `bias_mean_m`).
-    #[inline(always)] // built where it stays
     pub fn new(
         motion: Motion,
         reach_m: f32,
@@ -107,35 +106,66 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         bias_mean_m: f32,
         bias_std_m: f32,
     ) -> Self {
-        let [x, y] = position_m;
-        let position = position_std_m * position_std_m;
-        let velocity = velocity_std_m_s * velocity_std_m_s;
-        let mut bb = [[0.0; ANCHORS]; ANCHORS];
-        for (j, row) in bb.iter_mut().enumerate() {
-            if let Some(variance) = row.get_mut(j) {
-                *variance = bias_std_m * bias_std_m;
-            }
+        let mut own = Self::empty();
+        own.start(motion, reach_m, position_m, position_std_m, velocity_std_m_s, bias_mean_m, bias_std_m);
+        own
+    }
+
+    /// All zeros: to be started.
+    #[inline(always)] // built where it stays
+    pub const fn empty() -> Self {
+        const fn xx() -> Matrix4<f32> {
+            Matrix4::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         }
         Self {
             mean: StateVector {
-                agent: Vector4::new(x, y, 0.0, 0.0),
-                bias_m: [bias_mean_m; ANCHORS],
+                agent: Vector4::new(0.0, 0.0, 0.0, 0.0),
+                bias_m: [0.0; ANCHORS],
                 surfaces: [Vector2::new(0.0, 0.0); SURFACES],
             },
             covariance: Covariance {
-                xx: Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity)),
+                xx: xx(),
                 xb: [Vector4::new(0.0, 0.0, 0.0, 0.0); ANCHORS],
-                bb,
+                bb: [[0.0; ANCHORS]; ANCHORS],
                 xs: [Matrix4x2::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0); SURFACES],
                 bs: [[Vector2::new(0.0, 0.0); ANCHORS]; SURFACES],
                 ss: SurfaceCovariance::zero(),
             },
             surfaces: [None; SURFACES],
-            estimate_bias: bias_std_m > 0.0,
-            bias_limits_m2: [bias_std_m * bias_std_m; ANCHORS],
-            motion,
-            reach_m,
+            estimate_bias: false,
+            bias_limits_m2: [0.0; ANCHORS],
+            motion: Motion::NONE,
+            reach_m: 0.0,
         }
+    }
+
+    /// As [`Self::new`], of one that is empty, where it stays.
+    #[allow(clippy::too_many_arguments)] // each is one number of the start
+    pub fn start(
+        &mut self,
+        motion: Motion,
+        reach_m: f32,
+        position_m: [f32; 2],
+        position_std_m: f32,
+        velocity_std_m_s: f32,
+        bias_mean_m: f32,
+        bias_std_m: f32,
+    ) {
+        let [x, y] = position_m;
+        let position = position_std_m * position_std_m;
+        let velocity = velocity_std_m_s * velocity_std_m_s;
+        self.mean.agent = Vector4::new(x, y, 0.0, 0.0);
+        self.mean.bias_m = [bias_mean_m; ANCHORS];
+        self.covariance.xx = Matrix4::from_diagonal(&Vector4::new(position, position, velocity, velocity));
+        for (j, row) in self.covariance.bb.iter_mut().enumerate() {
+            if let Some(variance) = row.get_mut(j) {
+                *variance = bias_std_m * bias_std_m;
+            }
+        }
+        self.estimate_bias = bias_std_m > 0.0;
+        self.bias_limits_m2 = [bias_std_m * bias_std_m; ANCHORS];
+        self.motion = motion;
+        self.reach_m = reach_m;
     }
 
     /// Whether finite numbers are what they may be: what it was told is that, variances are neither negative nor beyond their limits,

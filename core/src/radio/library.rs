@@ -108,10 +108,38 @@ impl<const ACTIONS: usize> Library<ACTIONS> {
     /// # Errors
     /// [`Error::Configuration`] where there is none or too many, or one is out of range.
     pub fn new(actions: &[Action]) -> Result<Self, Error> {
+        let mut library = Self::empty();
+        library.start(actions)?;
+        Ok(library)
+    }
+
+    /// A library without actions: to be started.
+    pub const fn empty() -> Self {
+        Self { actions: Vec::new() }
+    }
+
+    /// Without actions again.
+    pub fn clear(&mut self) {
+        self.actions.clear();
+    }
+
+    /// As [`Self::new`], where it stays.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; the library has no actions then.
+    pub fn start(&mut self, actions: &[Action]) -> Result<(), Error> {
+        self.clear();
+        let filled = self.fill(actions);
+        if filled.is_err() {
+            self.clear();
+        }
+        filled
+    }
+
+    fn fill(&mut self, actions: &[Action]) -> Result<(), Error> {
         if actions.is_empty() {
             return Err(Error::Configuration(Setting::LibraryEmpty));
         }
-        let mut validated = Vec::new();
         for action in actions {
             if !(action.carrier_hz >= 1e8 && action.carrier_hz <= 1e11) {
                 return Err(Error::Configuration(Setting::Carrier));
@@ -119,9 +147,9 @@ impl<const ACTIONS: usize> Library<ACTIONS> {
             if !(action.pulse_duration_s >= 0.99e-10 && action.pulse_duration_s <= 1.01e-8) {
                 return Err(Error::Configuration(Setting::PulseDuration));
             }
-            validated.push(*action).map_err(|_| Error::Configuration(Setting::LibraryLength))?;
+            self.actions.push(*action).map_err(|_| Error::Configuration(Setting::LibraryLength))?;
         }
-        Ok(Self { actions: validated })
+        Ok(())
     }
 
     /// Length of the shortest pulse, metres.

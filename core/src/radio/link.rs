@@ -83,13 +83,12 @@ pub struct LinkStatus<const ANCHORS: usize> {
     lost: [u32; ANCHORS],
 }
 
-impl<const ANCHORS: usize> Default for LinkStatus<ANCHORS> {
-    fn default() -> Self {
+impl<const ANCHORS: usize> LinkStatus<ANCHORS> {
+    /// Nothing is lost.
+    pub const fn empty() -> Self {
         Self { lost: [0; ANCHORS] }
     }
-}
 
-impl<const ANCHORS: usize> LinkStatus<ANCHORS> {
     /// A cycle has passed: which of the anchors were heard.
     pub fn enter(&mut self, heard: impl Fn(usize) -> bool) {
         for (anchor, lost) in self.lost.iter_mut().enumerate() {
@@ -171,7 +170,7 @@ mod tests {
         for loss in [0_u32, 5, 10, 20] {
             let mut tag = Hop::new(1, 0);
             let mut anchors = [Hop::new(1, 0); 3];
-            let mut roll = LinkStatus::<3>::default();
+            let mut roll = LinkStatus::<3>::empty();
             let mut heard_count = [0; 3];
             for cycle in 0..4000 {
                 let mut lost = || rng.next_u32() % 100 < loss;

@@ -36,6 +36,16 @@ pub struct Radio {
 }
 
 impl Radio {
+    /// That of a tracker that is not started.
+    pub(crate) const NONE: Self = Self {
+        pulse_shape: PulseShape::RootRaisedCosine { roll_off: 0.0 },
+        sample_spacing_s: 0.0,
+        samples_per_frame: 0,
+        full_scale: None,
+        gain_control: false,
+        false_paths_per_frame: 0.0,
+    };
+
     /// The pulse of an action, as the receiver keeps it.
     pub fn pulse(&self, action: &Action) -> Pulse {
         Pulse { duration_s: action.pulse_duration_s, shape: self.pulse_shape }

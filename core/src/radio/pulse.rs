@@ -60,6 +60,10 @@ pub struct Pulse {
 }
 
 impl Pulse {
+    /// No pulse.
+    pub(crate) const NONE: Self =
+        Self { duration_s: 0.0, shape: PulseShape::RootRaisedCosine { roll_off: 0.0 } };
+
     /// A root-raised-cosine pulse of symbol time `duration_s` (seconds) and roll-off `roll_off` (0 to 1).
     pub fn root_raised_cosine(duration_s: f32, roll_off: f32) -> Self {
         Self { duration_s, shape: PulseShape::RootRaisedCosine { roll_off } }
@@ -201,13 +205,23 @@ pub struct PulseTable {
 impl PulseTable {
     /// Tabulates `pulse` for frames sampled every `sample_spacing_s` seconds.
     pub fn new(pulse: &Pulse, sample_spacing_s: f32) -> Self {
-        let mut values = [0.0; ENTRIES];
-        for (step, value) in values.iter_mut().enumerate() {
-            if step < STEPS * SUPPORT {
-                *value = pulse.autocorrelation(step as f32 / STEPS as f32);
-            }
+        let mut table = Self::empty();
+        table.fill(pulse, sample_spacing_s);
+        table
+    }
+
+    /// No pulse: to be filled.
+    pub const fn empty() -> Self {
+        Self { values: [0.0; ENTRIES], steps_per_sample: 0.0 }
+    }
+
+    /// As [`Self::new`], where it stays.
+    pub fn fill(&mut self, pulse: &Pulse, sample_spacing_s: f32) {
+        for (step, value) in self.values.iter_mut().enumerate() {
+            let is_inside = step < STEPS * SUPPORT;
+            *value = if is_inside { pulse.autocorrelation(step as f32 / STEPS as f32) } else { 0.0 };
         }
-        Self { values, steps_per_sample: sample_spacing_s / pulse.duration_s * STEPS as f32 }
+        self.steps_per_sample = sample_spacing_s / pulse.duration_s * STEPS as f32;
     }
 
     /// R at a lag of `lag_samples` samples.

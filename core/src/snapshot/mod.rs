@@ -52,6 +52,8 @@ pub enum SnapshotError {
     },
     /// A cycle is begun and not finished; or, of a map, the first one was.
     Begun,
+    /// The tracker is not started.
+    NotStarted,
     /// It is no snapshot, or is cut short.
     Foreign,
     /// It is of another version.
@@ -70,6 +72,7 @@ impl fmt::Display for SnapshotError {
         match self {
             Self::Room { needed } => write!(f, "the snapshot takes {needed} bytes"),
             Self::Begun => write!(f, "a cycle is begun"),
+            Self::NotStarted => write!(f, "the tracker is not started"),
             Self::Foreign => write!(f, "no snapshot, or cut short"),
             Self::Version { found } => write!(f, "a snapshot of version {found}, not {VERSION}"),
             Self::Told => write!(f, "a snapshot of a tracker that was told something else"),

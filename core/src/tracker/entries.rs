@@ -1,25 +1,25 @@
 //! The ways in: construction, a whole cycle at once, and a cycle by its observations.
 
 use super::integrity::Seals;
-use super::start::{enter_heading, enter_plan, enter_virtual_anchors};
-use super::{Begun, Tracker};
-use crate::config::Config;
+use super::start::{broken_bound, enter_heading, enter_plan, enter_virtual_anchors, take_in};
+use super::{Begun, Phase, Tracker};
+use crate::config::{Config, ControllerSettings};
 use crate::controller::{Controller, Controllers};
 use crate::error::{Error, Setting};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
-use crate::memory::discovery::Discovery;
+use crate::memory::discovery::{Discovery, DiscoverySettings};
 use crate::memory::environment::EnvironmentMemory;
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::anchor::Anchor;
+use crate::model::motion::Agent;
 use crate::model::observation::{Observation, TagHeight};
 use crate::model::plan::{FloorPlan, Map};
 use crate::model::region::Region;
 use crate::observer::{Observer, Stage};
 use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
-use crate::perceptor::state_filter::StateFilter;
 use crate::radio::library::{Action, Library};
 use crate::real::abs;
 use crate::report::{CycleReport, Integrity};
@@ -34,136 +34,157 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
-    /// A tracker at the start configured that is told of its surroundings: [`Self::untold`], then [`Self::tell`].
+    /// Does not compile where a capacity is out of its bounds, and says which.
+    #[allow(clippy::panic)] // of the compiler
+    const BOUNDS: () = {
+        let broken = broken_bound(ANCHORS, SURFACES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS);
+        if let Some(bound) = broken {
+            panic!("{}", bound);
+        }
+    };
+
+    /// An empty tracker, to be started where it stays: of a static, all zeros, which take no flash.
+    ///
+    /// Capacities out of their bounds do not compile, and the error names the bound:
+    ///
+    /// ```compile_fail,E0080
+    /// // PATHS is above 32: sets of paths have 32 bits
+    /// static TRACKER: cogmint_core::Tracker<1, 1, 1, 1, 33, 1, 1, 0, 0> = cogmint_core::Tracker::new();
+    /// ```
+    #[inline(always)] // built where it stays
+    #[allow(clippy::new_without_default)] // a default is made on the stack
+    pub const fn new() -> Self {
+        let () = Self::BOUNDS;
+        Self {
+            config: Config::NONE,
+            anchors: Vec::new(),
+            range_biases_m: [[0.0; 2]; ANCHORS],
+            plan: FloorPlan::empty(),
+            library: Library::empty(),
+            receiver: Receiver::empty(),
+            belief: TagBelief::empty(),
+            environment: EnvironmentMemory::empty(),
+            transmission: TransmissionMemory::empty(),
+            discovery: Discovery::new(DiscoverySettings::NONE),
+            clutter: ClutterMemory::empty(),
+            lateness: LatenessMemory::empty(),
+            channel: ChannelMemory::empty(),
+            controllers: Controllers::empty(),
+            map: 0,
+            cycle: 0,
+            last_heard: Agent::NONE,
+            lever_arm_m: [0.0; 2],
+            phase: Phase::Empty,
+            begun: Begun::NONE,
+            scans: Vec::new(),
+            seals: Seals::NONE,
+        }
+    }
+
+    /// Starts the tracker, afresh where it was started before: as configured, of these anchors (1 to `ANCHORS`) and actions (1 to
+    /// `ACTIONS`), and told of its surroundings by the map. `seed`: of all randomness. Virtual anchors of the map take the first slots,
+    /// each with a private surface; then come the sources that the plan shows ([`crate::model::listing`]), the most useful first, as
+    /// many as fit.
     ///
     /// # Errors
-    /// The first value out of range.
-    pub fn new(
-        config: Config,
+    /// The first value out of range; the tracker is empty then.
+    pub fn start(
+        &mut self,
+        config: &Config,
         anchors: &[Anchor],
         map: &Map<'_>,
         actions: &[Action],
         seed: u64,
-    ) -> Result<Self, Error> {
-        let mut tracker = Self::untold(config, anchors, actions, seed)?;
-        tracker.tell(map)?;
-        Ok(tracker)
-    }
-
-    /// A tracker at the start configured that knows nothing of its surroundings. `anchors`: 1 to `ANCHORS`; `actions`: 1 to
-    /// `ACTIONS`; `seed`: of all randomness. It is built where it stays.
-    ///
-    /// # Errors
-    /// The first value out of range.
-    #[inline(always)] // built where it stays
-    pub fn untold(config: Config, anchors: &[Anchor], actions: &[Action], seed: u64) -> Result<Self, Error> {
-        config.validate()?;
-        let library = Library::new(actions)?;
-        let Some(first) = library.get(config.controller.first_action) else {
-            return Err(Error::Configuration(Setting::FirstAction));
-        };
-        if config.controller.rendezvous.is_some_and(|rendezvous| library.get(rendezvous).is_none()) {
-            return Err(Error::Configuration(Setting::Rendezvous));
-        }
-        if anchors.is_empty() {
-            return Err(Error::AnchorCount { given: 0, limit: ANCHORS });
-        }
-        let mut checked: Vec<Anchor, ANCHORS> = Vec::new();
-        for (index, anchor) in anchors.iter().enumerate() {
-            anchor.check(index)?;
-            checked.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
-        }
-        let Config { start, ranging, .. } = config;
-        if config.has_heading && SURFACES == 0 {
-            return Err(Error::Configuration(Setting::Heading));
-        }
-        Ok(Self {
-            receiver: Receiver::new(
-                config.radio,
-                config.estimator,
-                ranging,
-                config.radio.pulse(first),
-                config.belief.reads_below_threshold,
-            ),
-            belief: TagBelief::new(
-                StateFilter::new(
-                    config.motion,
-                    ranging.max_range_m,
-                    start.position_m,
-                    start.position_std_m,
-                    start.velocity_std_m_s,
-                    ranging.bias_mean_m,
-                    ranging.bias_std_m,
-                ),
-                start.velocity_std_m_s,
-                Region::reached(&checked, ranging.max_range_m),
-                config.belief,
-            ),
-            environment: EnvironmentMemory::default(),
-            transmission: TransmissionMemory::default(),
-            discovery: Discovery::new(config.discovery_settings),
-            clutter: ClutterMemory::new(config.association, &ranging),
-            lateness: LatenessMemory::new(ranging.late_m),
-            channel: ChannelMemory::new(
-                config.channel,
-                config.controller.prior_sinr,
-                config.controller.neighbours,
-                &library,
-            ),
-            controllers: Controllers::new(config.controller, checked.len(), &library, seed),
-            config,
-            anchors: checked,
-            range_biases_m: [[ranging.bias_mean_m, ranging.bias_std_m]; ANCHORS],
-            plan: FloorPlan::default(),
+    ) -> Result<(), Error> {
+        let Self {
+            config: own,
+            anchors: own_anchors,
+            range_biases_m,
+            plan,
             library,
-            map: 0,
-            cycle: 0,
-            last_heard: start.agent(),
-            lever_arm_m: [0.0; 2],
-            begun: None,
-            scans: Vec::new(),
-            seals: Seals::NONE,
-        })
-    }
-
-    /// Tells a tracker of its surroundings, once, before its first cycle. Virtual anchors of the map take the first slots, each
-    /// with a private surface; then come the sources that the plan shows ([`crate::model::listing`]), the most useful first, as
-    /// many as fit.
-    ///
-    /// # Errors
-    /// The first value out of range, or [`Error::AlreadyTold`]; nothing has changed then.
-    pub fn tell(&mut self, map: &Map<'_>) -> Result<(), Error> {
-        let is_told = self.environment.iter().next().is_some() || self.plan != FloorPlan::default();
-        if self.cycle > 0 || self.begun.is_some() || is_told {
-            return Err(Error::AlreadyTold);
-        }
-        let given = map.virtual_anchors.len();
-        let limit = SURFACES.saturating_sub(usize::from(self.config.has_heading)).min(SOURCES);
-        if given > limit {
-            return Err(Error::VirtualAnchorCount { given, limit });
-        }
-        for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
-            mapped.check(slot, self.anchors.len())?;
-        }
-        let Self { config, anchors, library, belief, environment, plan, map: digest, .. } = self;
-        if let Some(told) = &map.plan {
-            plan.keep(told)?;
-            if let Some(region) = Region::inside(plan.outline_m()) {
-                belief.bound(region);
+            receiver,
+            belief,
+            environment,
+            transmission,
+            discovery,
+            clutter,
+            lateness,
+            channel,
+            controllers,
+            map: digest,
+            cycle,
+            last_heard,
+            lever_arm_m,
+            phase,
+            begun,
+            scans,
+            seals,
+        } = self;
+        *phase = Phase::Empty;
+        *seals = Seals::NONE;
+        *range_biases_m = [[0.0; 2]; ANCHORS];
+        *begun = Begun::NONE;
+        *own = Config::NONE;
+        receiver.clear();
+        belief.clear();
+        environment.clear();
+        *transmission = TransmissionMemory::empty();
+        discovery.start(DiscoverySettings::NONE);
+        *clutter = ClutterMemory::empty();
+        *lateness = LatenessMemory::empty();
+        channel.clear();
+        controllers.clear();
+        (*digest, *cycle, *lever_arm_m) = (0, 0, [0.0; 2]);
+        *last_heard = Agent::NONE;
+        scans.clear();
+        let first = take_in(config, anchors, map, actions, (SURFACES, SOURCES), (own_anchors, plan, library));
+        let pulse = match first {
+            Ok(first) => config.radio.pulse(&first),
+            Err(error) => {
+                own_anchors.clear();
+                plan.clear();
+                library.clear();
+                return Err(error);
             }
-        }
-        belief.tell(|filter| {
-            if config.has_heading {
-                enter_heading(filter, environment, config.belief.turns_per_s);
+        };
+        *own = *config;
+        *digest = map.digest();
+        let own = &*own;
+        let Config { start, ranging, .. } = own;
+        receiver.start(own.radio, own.estimator, *ranging, pulse, own.belief.reads_below_threshold);
+        environment.start();
+        let reached = Region::reached(own_anchors, ranging.max_range_m);
+        let region = Region::inside(plan.outline_m()).unwrap_or(reached);
+        belief.start(start.velocity_std_m_s, region, own.belief, |filter| {
+            filter.start(
+                own.motion,
+                ranging.max_range_m,
+                start.position_m,
+                start.position_std_m,
+                start.velocity_std_m_s,
+                ranging.bias_mean_m,
+                ranging.bias_std_m,
+            );
+            if own.has_heading {
+                enter_heading(filter, environment, own.belief.turns_per_s);
             }
-            enter_virtual_anchors(filter, environment, map.virtual_anchors, config.exact_map);
+            enter_virtual_anchors(filter, environment, map.virtual_anchors, own.exact_map);
             if let Some(told) = &map.plan {
-                enter_plan(filter, environment, plan, told, anchors, config, library.shortest_pulse_m());
+                enter_plan(filter, environment, plan, told, own_anchors, own, library.shortest_pulse_m());
             }
         });
-        *digest = map.digest();
+        discovery.start(own.discovery_settings);
+        clutter.start(own.association, ranging);
+        *lateness = LatenessMemory::new(ranging.late_m);
+        let ControllerSettings { prior_sinr, neighbours, .. } = own.controller;
+        channel.start(own.channel, prior_sinr, neighbours, library);
+        controllers.start(own.controller, own_anchors.len(), library, seed);
+        *last_heard = start.agent();
+        *phase = Phase::Between;
+        *range_biases_m = [[ranging.bias_mean_m, ranging.bias_std_m]; ANCHORS];
         self.seals = Seals::of_told(self.seal_told());
         Ok(())
     }
@@ -172,10 +193,10 @@ impl<
     /// is known exactly). Without, it is that of the configuration ([`Ranging::bias_mean_m`](crate::model::measurement::Ranging)).
     ///
     /// # Errors
-    /// There is no such anchor, or a value is out of range, or [`Error::AlreadyTold`]; nothing has changed then.
+    /// There is no such anchor, or a value is out of range; [`Error::AlreadyBegun`] once there was a cycle. Nothing has changed then.
     pub fn tell_range_bias(&mut self, anchor: usize, mean_m: f32, std_m: f32) -> Result<(), Error> {
-        if self.cycle > 0 || self.begun.is_some() {
-            return Err(Error::AlreadyTold);
+        if self.cycle > 0 || self.phase == Phase::Begun {
+            return Err(Error::AlreadyBegun);
         }
         if anchor >= self.anchors.len() {
             return Err(Error::UnknownAnchor { anchor });
@@ -194,12 +215,12 @@ impl<
 
     /// From now on everything is received with an antenna that is this far ahead of the centre of the tag's body, and to its left
     /// (metres, within 1 km). With [`Config::has_heading`](crate::Config::has_heading), which way the body faces is estimated from what the
-    /// antennas tell; it is entered with the surroundings, by [`Self::tell`].
+    /// antennas tell.
     ///
     /// # Errors
     /// [`Error::LeverArm`] where it is out of range, or no heading is estimated; [`Error::AlreadyBegun`]. Nothing has changed then.
     pub fn switch_antenna(&mut self, lever_arm_m: [f32; 2]) -> Result<(), Error> {
-        if self.begun.is_some() {
+        if self.phase == Phase::Begun {
             return Err(Error::AlreadyBegun);
         }
         let is_centre = lever_arm_m == [0.0; 2];
@@ -261,13 +282,14 @@ impl<
     /// known. [`Self::receive`] takes the observations, [`Self::finish`] ends it.
     ///
     /// # Errors
-    /// Bad input, or [`Error::AlreadyBegun`]; nothing has changed then.
+    /// Bad input, [`Error::AlreadyBegun`] or [`Error::NotStarted`]; nothing has changed then.
     pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
         let begun = self.check_begin(elapsed_s, tag_height)?;
         if !self.is_told_intact() {
             return Err(Error::ToldChanged);
         }
-        self.begun = Some(Begun { integrity: self.check_seals(), ..begun });
+        self.begun = Begun { integrity: self.check_seals(), ..begun };
+        self.phase = Phase::Begun;
         self.receiver.advance(elapsed_s);
         self.scans.clear();
         Ok(())
@@ -277,7 +299,7 @@ impl<
     /// made of them has the bits of [`Self::cycle`] with all of them.
     ///
     /// # Errors
-    /// Bad input, or [`Error::NotBegun`]; nothing has changed then.
+    /// Bad input, [`Error::NotBegun`] or [`Error::NotStarted`]; nothing has changed then.
     pub fn receive(&mut self, observation: &Observation<'_>) -> Result<(), Error> {
         self.receive_observed(observation, &mut ())
     }
@@ -285,14 +307,15 @@ impl<
     /// [`Self::receive`], watched by an observer.
     ///
     /// # Errors
-    /// Bad input, or [`Error::NotBegun`]; nothing has changed then.
+    /// Bad input, [`Error::NotBegun`] or [`Error::NotStarted`]; nothing has changed then.
     pub fn receive_observed(
         &mut self,
         observation: &Observation<'_>,
         observer: &mut impl Observer<SOURCES, PATHS>,
     ) -> Result<(), Error> {
-        let begun = self.begun.as_mut().ok_or(Error::NotBegun)?;
-        self.receiver.check(observation, self.anchors.len(), &self.library, &mut begun.delivered)?;
+        self.check_begun()?;
+        let delivered = &mut self.begun.delivered;
+        self.receiver.check(observation, self.anchors.len(), &self.library, delivered)?;
         let link = self.link(observation);
         self.receiver.receive(&mut self.scans, observation, &link, &self.library, |estimate| {
             observer.estimate(observation.anchor(), estimate);
@@ -300,10 +323,21 @@ impl<
         Ok(())
     }
 
-    /// Whether a cycle is begun and how it would begin.
+    /// Whether a cycle is begun.
+    pub(super) fn check_begun(&self) -> Result<(), Error> {
+        match self.phase {
+            Phase::Empty => Err(Error::NotStarted),
+            Phase::Between => Err(Error::NotBegun),
+            Phase::Begun => Ok(()),
+        }
+    }
+
+    /// Whether a cycle can begin, and how it would.
     fn check_begin(&self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<Begun<ANCHORS>, Error> {
-        if self.begun.is_some() {
-            return Err(Error::AlreadyBegun);
+        match self.phase {
+            Phase::Empty => return Err(Error::NotStarted),
+            Phase::Begun => return Err(Error::AlreadyBegun),
+            Phase::Between => {}
         }
         if !(elapsed_s > 0.0 && elapsed_s <= 3600.0) {
             return Err(Error::Time { elapsed_s });
@@ -311,7 +345,7 @@ impl<
         if !tag_height.is_none_or(|height| height.is_in_range()) {
             return Err(Error::TagHeight);
         }
-        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::default(), integrity: Integrity::default() })
+        Ok(Begun { elapsed_s, tag_height, delivered: Delivered::NONE, integrity: Integrity::NONE })
     }
 
     /// What the receiver is told of the link to an observation's anchor.

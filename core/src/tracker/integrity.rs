@@ -12,13 +12,10 @@
 
 use super::Tracker;
 use super::start::told_filter;
-use crate::memory::channel::ChannelMemory;
-use crate::memory::clutter::ClutterMemory;
 use crate::memory::environment::{Origin, TOLD};
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::perceptor::belief::integrity::{BeliefSeals, BrokenBelief};
-use crate::perceptor::receiver::Receiver;
 use crate::perceptor::state_filter::StateFilter;
 use crate::report::{Integrity, Part};
 use crate::snapshot::{Sealed, Told, Written, seal, seal_with};
@@ -69,7 +66,8 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Seal of all that was told.
     #[inline(never)]
@@ -155,12 +153,12 @@ impl<
     #[inline(never)]
     pub(super) fn check_seals(&mut self) -> Integrity {
         if UNSWEPT {
-            return Integrity::default();
+            return Integrity::NONE;
         }
         if !self.seals.is_made {
             return self.sweep();
         }
-        let mut integrity = Integrity::default();
+        let mut integrity = Integrity::NONE;
         let last = &self.seals.belief;
         let seals = self.belief.seals(|component| last.has(component));
         let broken = self.belief.broken(&seals, Some(last), |_| true);
@@ -193,7 +191,7 @@ impl<
     /// Sweeps the state, mends what is broken, and seals it. To be called at the end of a cycle.
     #[inline(never)]
     pub(super) fn sweep(&mut self) -> Integrity {
-        let mut integrity = Integrity::default();
+        let mut integrity = Integrity::NONE;
         if UNSWEPT {
             return integrity;
         }
@@ -260,7 +258,7 @@ impl<
         }
         if reset.has(Part::Receiver) {
             let keeps = config.belief.reads_below_threshold;
-            *receiver = Receiver::new(config.radio, config.estimator, config.ranging, pulse, keeps);
+            receiver.start(config.radio, config.estimator, config.ranging, pulse, keeps);
         }
         if reset.has(Part::Environment) || reset.has(Part::Belief) {
             environment.mend(anchors.len(), |slot| belief.leader().surface(slot).is_some());
@@ -280,20 +278,20 @@ impl<
             }
         }
         if reset.has(Part::Transmission) {
-            *transmission = TransmissionMemory::default();
+            *transmission = TransmissionMemory::empty();
         }
         if reset.has(Part::Discovery) {
             discovery.clear();
         }
         if reset.has(Part::Clutter) {
-            *clutter = ClutterMemory::new(config.association, &config.ranging);
+            clutter.start(config.association, &config.ranging);
         }
         if reset.has(Part::Lateness) {
             *lateness = LatenessMemory::new(config.ranging.late_m);
         }
         if reset.has(Part::Channel) {
             let settings = &config.controller;
-            *channel = ChannelMemory::new(config.channel, settings.prior_sinr, settings.neighbours, library);
+            channel.start(config.channel, settings.prior_sinr, settings.neighbours, library);
         }
         if reset.has(Part::Controllers) {
             controllers.reset();

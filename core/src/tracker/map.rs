@@ -125,7 +125,8 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Writes the map alone between two cycles; its length, bytes. With no buffer, the error tells that length. Unlike a snapshot, it
     /// outlives other settings, actions and sizes: see [`Self::restore_map`].
@@ -133,9 +134,7 @@ impl<
     /// # Errors
     /// [`SnapshotError::Begun`]; [`SnapshotError::Room`], and nothing is written then.
     pub fn map_snapshot(&self, buffer: &mut [u8]) -> Result<usize, SnapshotError> {
-        if self.begun.is_some() {
-            return Err(SnapshotError::Begun);
-        }
+        self.check_between()?;
         snapshot::write(&MAP, self.map_digest(), &MapWriter { tracker: self }, buffer)
     }
 
@@ -145,7 +144,8 @@ impl<
     /// # Errors
     /// Any but [`SnapshotError::Room`], and [`SnapshotError::Begun`] after the first cycle was begun; nothing has changed then.
     pub fn restore_map(&mut self, bytes: &[u8]) -> Result<MapRestored, SnapshotError> {
-        if self.begun.is_some() || self.cycle > 0 {
+        self.check_between()?;
+        if self.cycle > 0 {
             return Err(SnapshotError::Begun);
         }
         let body = snapshot::open(&MAP, self.map_digest(), bytes)?;
@@ -280,8 +280,12 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
+    const CANDIDATES: usize,
 > Written
-    for MapWriter<'_, Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>>
+    for MapWriter<
+        '_,
+        Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>,
+    >
 {
     fn write(&self, to: &mut impl Sink) {
         let tracker = self.tracker;

@@ -1,18 +1,22 @@
 //! The stages of a cycle that join the states of several blocks.
 
 use super::joining::join;
-use super::values::{Known, Place, Told, detections_anywhere, discovery_view};
-use crate::controller::{Controller, Controllers};
+use super::values::{
+    Known, Place, Seen, Told, detections_anywhere, discovery_view, planning_state, walls_now,
+};
+use crate::controller::{Controller, Controllers, Decision};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
-use crate::memory::discovery::{Claims, Discovery};
+use crate::memory::discovery::{Background, Claims, Discovery, Viewpoint};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
 use crate::model::lateness::Lateness;
 use crate::model::plan::FloorPlan;
-use crate::perceptor::association::outcome::{AssociatedScan, associate_scan, normalised_innovation};
+use crate::perceptor::association::outcome::{
+    AssociatedScan, NormalisedInnovation, Outcomes, associate_scan,
+};
 use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, STRONG, Sweep, propose};
 use crate::perceptor::belief::{TagBelief, anywhere};
 use crate::perceptor::below_threshold::{Reader, missed};
@@ -22,9 +26,9 @@ use crate::perceptor::state_filter::StateFilter;
 use crate::report::MapChanges;
 use heapless::Vec;
 
-/// Every scan with its outcome, and what the candidates for new virtual anchors claim of it.
-pub(super) type Outcomes<'a, const ANCHORS: usize, const SOURCES: usize, const PATHS: usize> =
-    Vec<(AssociatedScan<'a, SOURCES, PATHS>, Claims<PATHS>), ANCHORS>;
+/// What the candidates for new virtual anchors claim of every scan that has an outcome.
+pub(super) type Claimed<const ANCHORS: usize, const PATHS: usize, const CANDIDATES: usize> =
+    Vec<Claims<PATHS, CANDIDATES>, ANCHORS>;
 
 /// How much of the strong paths of a cycle is explained.
 #[derive(Clone, Copy, Debug, Default)]
@@ -63,21 +67,39 @@ pub(super) struct Heard {
 }
 
 impl Heard {
+    #[inline(never)]
     pub(super) fn of<const ANCHORS: usize, const SOURCES: usize, const PATHS: usize>(
         outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
     ) -> Self {
-        let mut heard = Self {
-            nis: normalised_innovation(outcomes.iter().map(|(outcome, _)| outcome)),
-            ..Self::default()
-        };
-        for (outcome, _) in outcomes {
+        let mut heard = Self::default();
+        let mut innovation = NormalisedInnovation::default();
+        outcomes.each(|outcome| {
+            innovation.add(outcome);
             let (measurements, associated) = outcome.counts();
             heard.anchors += 1;
             heard.measurements += measurements;
             heard.associated += associated;
-        }
+        });
+        heard.nis = innovation.mean();
         heard
     }
+}
+
+/// What an anchor's candidates claim of its scan, which becomes the last that is claimed; by how much they make each measurement more
+/// probable than clutter alone.
+#[inline(never)]
+pub(super) fn claim<const ANCHORS: usize, const PATHS: usize, const CANDIDATES: usize>(
+    discovery: &Discovery<ANCHORS, CANDIDATES>,
+    scan: &Scan<PATHS>,
+    viewpoint: &Viewpoint,
+    background: &Background,
+    claimed: &mut Claimed<ANCHORS, PATHS, CANDIDATES>,
+) -> [f32; PATHS] {
+    let claims = discovery.claim(scan.anchor, viewpoint, &scan.measurements, background);
+    let totals = claims.totals();
+    // As many as scans: the push succeeds.
+    let _ = claimed.push(claims);
+    totals
 }
 
 /// What reads the rest of the frame in a scan; `None` where that is not kept.
@@ -111,17 +133,18 @@ pub(super) fn look_beside<
     receiver: &Receiver<ANCHORS, PATHS, POINTS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
-    for (outcome, _) in outcomes {
+    outcomes.each(|outcome| {
         let scan = outcome.scan;
         let background = reader(told, receiver, clutter, scan).and_then(|reader| reader.background(outcome));
         if let Some(background) = background {
             clutter.observe_background(scan.anchor, &background, scan.since_frame_s());
         }
-    }
+    });
 }
 
 /// Updates a state by a scan, and by what is left of its frame where sources were missed; ln of how much more probable that is than
 /// where there are none.
+#[inline(never)]
 fn update<
     const ANCHORS: usize,
     const SURFACES: usize,
@@ -144,13 +167,13 @@ fn update<
     looks.note(&mut outcome.beliefs)
 }
 
-/// Compares all components with a scan and updates them by it. What the heaviest of them makes of it, and the `claims` on the scan,
-/// become the last of the outcomes; `None` where no component expects anything.
+/// Compares all components with a scan and updates them by it; `claims` says how much more probable candidates make each of its
+/// measurements. What the heaviest of them makes of it becomes the last of the outcomes, and is shown; `None` where no component expects
+/// anything.
 #[inline(never)]
 #[allow(clippy::too_many_arguments)] // each is a state, or what it is told
 pub(super) fn hear<
     'a,
-    'o,
     const ANCHORS: usize,
     const SURFACES: usize,
     const SOURCES: usize,
@@ -168,38 +191,38 @@ pub(super) fn hear<
     lateness: &Lateness,
     (plan, walls): (&FloorPlan<SEGMENTS>, &Walls<'_, SEGMENTS>),
     (scan, reader): (&'a Scan<PATHS>, Option<&Reader<'_, POINTS>>),
-    claims: Claims<PATHS>,
-    outcomes: &'o mut Outcomes<'a, ANCHORS, SOURCES, PATHS>,
-) -> Option<&'o AssociatedScan<'a, SOURCES, PATHS>> {
-    let (totals, place) = (claims.totals(), outcomes.len());
-    let mut claims = Some(claims);
-    let mut most = 0.0;
+    claims: &[f32; PATHS],
+    outcomes: &mut Outcomes<'a, ANCHORS, SOURCES, PATHS>,
+    show: impl FnOnce(&AssociatedScan<'a, SOURCES, PATHS>),
+) -> Option<()> {
+    // The one outcome at hand: it takes kilobytes.
+    let mut outcome = AssociatedScan::of(scan);
+    let mut most = None;
+    let mut is_kept = false;
     let mode = told.config.association.mode;
     let settings = *belief.settings();
     for component in belief.components_mut() {
         let known = Known { filter: &component.filter, environment, channel, plan, walls };
-        let Some(mut expected) = known.expect(told, scan) else { continue };
-        expected.delay(*lateness);
+        if known.expect(told, scan, &mut outcome.expected).is_none() {
+            continue;
+        }
+        outcome.expected.delay(*lateness);
         let outage = component.outages.predict(scan.anchor, scan.elapsed_s, &settings);
-        let mut outcome =
-            associate_scan(scan, expected, &totals, &clutter.clutter(scan.anchor), outage, mode);
+        associate_scan(&mut outcome, claims, &clutter.clutter(scan.anchor), outage, mode);
         component.outages.set(scan.anchor, outcome.beliefs.outage);
         component.weight_nat += outcome.beliefs.evidence_nat;
         component.weight_nat += update(&mut component.filter, &mut outcome, reader);
-        // Kept where it stays: an outcome takes kilobytes.
-        if let Some(claims) = claims.take() {
-            // As many as scans: the push succeeds.
-            let _ = outcomes.push((outcome, claims));
-            most = component.weight_nat;
-        } else if component.weight_nat > most
-            && let Some((best, _)) = outcomes.get_mut(place)
-        {
-            *best = outcome;
-            most = component.weight_nat;
+        is_kept = most.is_none_or(|most| component.weight_nat > most);
+        if is_kept {
+            outcomes.keep(&outcome);
+            most = Some(component.weight_nat);
         }
     }
     belief.reduce();
-    let (outcome, _) = outcomes.get(place)?;
+    most?;
+    if !is_kept {
+        outcomes.last(&mut outcome);
+    }
     let evidence_nat = anywhere::evidence_nat(
         outcome.expected.paths(),
         &scan.measurements,
@@ -207,7 +230,8 @@ pub(super) fn hear<
         told.config.ranging.max_range_m,
     );
     belief.hear_anywhere(scan.anchor, scan.elapsed_s, evidence_nat);
-    Some(outcome)
+    show(&outcome);
+    Some(())
 }
 
 /// Places that the scans propose.
@@ -270,6 +294,53 @@ pub(super) fn propose_places<
     )
 }
 
+/// Ends the update of the belief: nobody walks through the walls of the plan, where they `bar` ways, or out of its outline.
+#[inline(never)]
+pub(super) fn conclude<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const COMPONENTS: usize,
+>(
+    belief: &mut TagBelief<ANCHORS, SURFACES, COMPONENTS>,
+    environment: &EnvironmentMemory<SURFACES, SOURCES>,
+    plan: &FloorPlan<SEGMENTS>,
+    bar: bool,
+) {
+    let barrier = &walls_now(plan, belief.leader(), environment, bar, |_| 0.0);
+    belief.conclude(
+        |from_m, to_m, std_m| barrier.paths(from_m, to_m, std_m).direct(),
+        |place_m, std_m| plan.inside(place_m, std_m),
+    );
+}
+
+/// Learns from what was `earned` in the cycle, plans with the sources as they are seen from where the tag is, and chooses the next
+/// action.
+#[inline(never)]
+pub(super) fn act<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+>(
+    controllers: &mut Controllers<ANCHORS, ACTIONS>,
+    known: &Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>,
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    earned: f32,
+    (is_searching, is_lost): (bool, impl Fn(usize) -> bool),
+    scans: &Scans<ANCHORS, PATHS>,
+    (threshold, elapsed_s): (f32, f32),
+) -> Decision {
+    let agent = known.filter.agent();
+    let state = &planning_state(told.config, &agent, threshold, elapsed_s);
+    let place = Place::of(&agent);
+    let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(told, place));
+    controllers.decide(earned, is_searching, is_lost, scans, state, seen.iter(), known.channel, told.library)
+}
+
 /// What the memories keep of a cycle: existence, SINR of every source whose path was probably seen, and how much of each
 /// scan nothing explained.
 #[inline(never)]
@@ -294,7 +365,7 @@ pub(super) fn remember<
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
     let library = told.library;
-    let framed = outcomes.iter().map(|(outcome, _)| outcome.scan).filter(|scan| scan.is_framed());
+    let framed = outcomes.scans().filter(|scan| scan.is_framed());
     for scan in framed.filter(|scan| !is_lost(scan.anchor)) {
         // The tag was found: with which action, tells what gain control had hidden.
         if let Some(excess_ln) = receiver.found(scan.anchor) {
@@ -303,7 +374,7 @@ pub(super) fn remember<
             channel.reattribute(scan.anchor, images, [held, scan.action], excess_ln, library);
         }
     }
-    for (outcome, _) in outcomes {
+    outcomes.each(|outcome| {
         let scan = outcome.scan;
         // What is missing from a doubtful place may be where it was: the tag is not.
         if !is_sure {
@@ -321,7 +392,7 @@ pub(super) fn remember<
         if !is_searching {
             clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);
         }
-    }
+    });
 }
 
 /// What direct paths tell of the walls that they cross.
@@ -339,13 +410,12 @@ pub(super) fn look_through<
     place: &Place,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
-    for (outcome, _) in outcomes {
+    outcomes.each(|outcome| {
         let scan = outcome.scan;
-        let Some(sight) = told.sight(scan.anchor) else { continue };
-        let Some((_, direct)) = outcome.features().next() else { continue };
+        let Some(sight) = told.sight(scan.anchor) else { return };
         let crossing = walls.paths(sight.anchor_m, place.position_m, place.std_m).crossing();
-        transmission.observe(crossing, 1.0 - direct.missed, scan.elapsed_s);
-    }
+        transmission.observe(crossing, 1.0 - outcome.beliefs.direct.missed, scan.elapsed_s);
+    });
 }
 
 /// The life of surfaces and images: forgets improbable ones, gives what nothing explained to the candidates, and takes resolved
@@ -359,14 +429,16 @@ pub(super) fn revise_map<
     const PATHS: usize,
     const ACTIONS: usize,
     const COMPONENTS: usize,
+    const CANDIDATES: usize,
 >(
     belief: &mut TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
-    discovery: &mut Discovery<ANCHORS>,
+    discovery: &mut Discovery<ANCHORS, CANDIDATES>,
     clutter: &ClutterMemory<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
+    claimed: &Claimed<ANCHORS, PATHS, CANDIDATES>,
 ) -> MapChanges {
     let mut changes = MapChanges::default();
     let removed = environment.revise(|environment, slot| placed(told, environment, belief.leader(), slot));
@@ -374,16 +446,17 @@ pub(super) fn revise_map<
         take_out(belief, channel, removed);
         changes.forgotten += 1;
     }
-    if !told.config.discovery {
+    if CANDIDATES == 0 || !told.config.discovery {
         return changes;
     }
-    for (outcome, claims) in outcomes {
+    let mut claimed = claimed.iter();
+    outcomes.each(|outcome| {
         let scan = outcome.scan;
-        let Some(sight) = told.sight(scan.anchor) else { continue };
+        let (Some(claims), Some(sight)) = (claimed.next(), told.sight(scan.anchor)) else { return };
         let Some((viewpoint, background)) =
             discovery_view(told, belief.leader(), clutter, scan.anchor, &outcome.expected.direct)
         else {
-            continue;
+            return;
         };
         discovery.observe(
             scan.anchor,
@@ -418,7 +491,7 @@ pub(super) fn revise_map<
                 }
             }
         }
-    }
+    });
     // Cycles in which nothing is heard change nothing.
     if outcomes.is_empty() {
         return changes;

@@ -1,14 +1,95 @@
 //! What is told before the start: virtual anchors and a plan become surfaces and sources.
 
 use crate::config::Config;
+use crate::error::{Error, Setting};
 use crate::memory::environment::{EnvironmentMemory, Origin, TOLD};
 use crate::model::anchor::{Anchor, MappedVirtualAnchor};
 use crate::model::image::Sequence;
 use crate::model::listing::{Listed, list};
-use crate::model::plan::{FloorPlan, Plan, Wall};
+use crate::model::plan::{FloorPlan, Map, Plan, Wall};
 use crate::model::surface::Surface;
 use crate::perceptor::state_filter::StateFilter;
+use crate::radio::library::{Action, Library};
+use heapless::Vec;
 use nalgebra::Vector2;
+
+/// The bound that these capacities break, if there is one.
+pub(super) const fn broken_bound(
+    anchors: usize,
+    surfaces: usize,
+    segments: usize,
+    paths: usize,
+    actions: usize,
+    components: usize,
+    points: usize,
+) -> Option<&'static str> {
+    if anchors == 0 {
+        Some("ANCHORS is 0: a tracker has one anchor at least")
+    } else if surfaces > 256 {
+        Some("SURFACES is above 256: the slot of a surface is a byte")
+    } else if segments > 65_535 {
+        Some("SEGMENTS is above 65535: the index of a wall has two bytes")
+    } else if paths == 0 {
+        Some("PATHS is 0: a scan has one measurement at least")
+    } else if paths > 32 {
+        Some("PATHS is above 32: sets of paths have 32 bits")
+    } else if actions == 0 {
+        Some("ACTIONS is 0: a radio has one action at least")
+    } else if components == 0 {
+        Some("COMPONENTS is 0: a belief has one component at least")
+    } else if points > 65_535 {
+        Some("POINTS is above 65535: their count has two bytes in a snapshot")
+    } else {
+        None
+    }
+}
+
+/// Checks and keeps what is told, and returns the first action; there are so many surfaces and sources.
+///
+/// # Errors
+/// The first value out of range; what is kept means nothing then.
+#[inline(never)]
+pub(super) fn take_in<const ANCHORS: usize, const SEGMENTS: usize, const ACTIONS: usize>(
+    config: &Config,
+    anchors: &[Anchor],
+    map: &Map<'_>,
+    actions: &[Action],
+    (surfaces, sources): (usize, usize),
+    (kept, plan, library): (&mut Vec<Anchor, ANCHORS>, &mut FloorPlan<SEGMENTS>, &mut Library<ACTIONS>),
+) -> Result<Action, Error> {
+    kept.clear();
+    plan.clear();
+    config.validate()?;
+    library.start(actions)?;
+    let Some(first) = library.get(config.controller.first_action) else {
+        return Err(Error::Configuration(Setting::FirstAction));
+    };
+    if config.controller.rendezvous.is_some_and(|rendezvous| library.get(rendezvous).is_none()) {
+        return Err(Error::Configuration(Setting::Rendezvous));
+    }
+    if anchors.is_empty() {
+        return Err(Error::AnchorCount { given: 0, limit: ANCHORS });
+    }
+    for (index, anchor) in anchors.iter().enumerate() {
+        anchor.check(index)?;
+        kept.push(*anchor).map_err(|_| Error::AnchorCount { given: anchors.len(), limit: ANCHORS })?;
+    }
+    if config.has_heading && surfaces == 0 {
+        return Err(Error::Configuration(Setting::Heading));
+    }
+    let given = map.virtual_anchors.len();
+    let limit = surfaces.saturating_sub(usize::from(config.has_heading)).min(sources);
+    if given > limit {
+        return Err(Error::VirtualAnchorCount { given, limit });
+    }
+    for (slot, mapped) in map.virtual_anchors.iter().enumerate() {
+        mapped.check(slot, anchors.len())?;
+    }
+    if let Some(told) = &map.plan {
+        plan.keep(told)?;
+    }
+    Ok(*first)
+}
 
 /// Enters the heading of the tag's body, in the last slot: no surface of the map takes its place.
 #[inline(never)]
@@ -138,4 +219,36 @@ fn surface_of<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize,
     environment.insert_surface(slot, TOLD, Origin::Plan);
     plan.assign(wall, slot as u8);
     Some(slot as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::broken_bound;
+
+    #[test]
+    fn capacities_out_of_bounds_are_named() {
+        const LEAST: [usize; 7] = [1, 0, 0, 1, 1, 1, 0];
+        let broken = |index: usize, value: usize| {
+            let mut sizes = LEAST;
+            sizes[index] = value;
+            let [anchors, surfaces, segments, paths, actions, components, points] = sizes;
+            broken_bound(anchors, surfaces, segments, paths, actions, components, points)
+        };
+        assert_eq!(broken(0, 1), None);
+        let bounds = [
+            (0, "ANCHORS", [None, Some(0)]),
+            (1, "SURFACES", [Some(256), Some(257)]),
+            (2, "SEGMENTS", [Some(65_535), Some(65_536)]),
+            (3, "PATHS", [Some(32), Some(33)]),
+            (3, "PATHS", [None, Some(0)]),
+            (4, "ACTIONS", [None, Some(0)]),
+            (5, "COMPONENTS", [None, Some(0)]),
+            (6, "POINTS", [Some(65_535), Some(65_536)]),
+        ];
+        for (index, name, [most, beyond]) in bounds {
+            assert!(most.is_none_or(|most| broken(index, most).is_none()), "{name}");
+            let said = beyond.and_then(|beyond| broken(index, beyond)).unwrap();
+            assert!(said.starts_with(name), "{said}");
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::integrity::Seals;
 use super::values::{Known, Place, Told, planning_state, walls_now};
-use super::{Begun, Tracker};
+use super::{Begun, Phase, Tracker};
 use crate::application::waypoint::{WaypointChoice, WaypointError, WaypointSettings, choose_waypoint};
 use crate::config::Config;
 use crate::controller::Controller;
@@ -37,7 +37,8 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Narrows what may be chosen for `anchor` to these actions of the library: what its radio can do, or may. Where all
     /// anchors share one choice, it is narrowed for all. To be called before the first cycle: an action that is no longer
@@ -181,7 +182,7 @@ impl<
     }
 
     /// The candidates for virtual anchors.
-    pub fn discovery(&self) -> &Discovery<ANCHORS> {
+    pub fn discovery(&self) -> &Discovery<ANCHORS, CANDIDATES> {
         &self.discovery
     }
 
@@ -272,8 +273,8 @@ impl<
             hash.word(u32::from(last.is_some()));
             hash.word(last.unwrap_or(0));
         }
-        if let Some(begun) = &self.begun {
-            self.hash_begun(begun, &mut hash);
+        if self.phase == Phase::Begun {
+            self.hash_begun(&self.begun, &mut hash);
         }
         hash.value()
     }

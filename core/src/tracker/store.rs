@@ -1,6 +1,6 @@
 //! A tracker's state as bytes: see [`crate::snapshot`].
 
-use super::Tracker;
+use super::{Phase, Tracker};
 use crate::snapshot::{self, Digest, STATE, SnapshotError, Written, stored};
 
 impl<
@@ -12,16 +12,15 @@ impl<
     const ACTIONS: usize,
     const COMPONENTS: usize,
     const POINTS: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS>
+    const CANDIDATES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
     /// Writes the state between two cycles; the length of the snapshot, bytes. With no buffer, the error tells that length.
     ///
     /// # Errors
-    /// [`SnapshotError::Begun`]; [`SnapshotError::Room`], and nothing is written then.
+    /// [`SnapshotError::Begun`], [`SnapshotError::NotStarted`]; [`SnapshotError::Room`], and nothing is written then.
     pub fn snapshot(&self, buffer: &mut [u8]) -> Result<usize, SnapshotError> {
-        if self.begun.is_some() {
-            return Err(SnapshotError::Begun);
-        }
+        self.check_between()?;
         snapshot::write(&STATE, self.digest(), self, buffer)
     }
 
@@ -30,12 +29,18 @@ impl<
     /// # Errors
     /// Any but [`SnapshotError::Room`]; nothing has changed then.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), SnapshotError> {
-        if self.begun.is_some() {
-            return Err(SnapshotError::Begun);
-        }
+        self.check_between()?;
         snapshot::read(&STATE, self.digest(), self, bytes)?;
         self.seals = self.seals.opened();
         Ok(())
+    }
+
+    pub(super) fn check_between(&self) -> Result<(), SnapshotError> {
+        match self.phase {
+            Phase::Empty => Err(SnapshotError::NotStarted),
+            Phase::Begun => Err(SnapshotError::Begun),
+            Phase::Between => Ok(()),
+        }
     }
 
     /// Digest of what the tracker was told, actions that it may choose ([`Self::restrict`]) among it, and of its capacities: equal for
@@ -44,7 +49,8 @@ impl<
     pub fn digest(&self) -> u64 {
         let Self { config, anchors, range_biases_m, plan, library, controllers, map, .. } = self;
         let mut digest = Digest::default();
-        [ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS].write(&mut digest);
+        [ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES]
+            .write(&mut digest);
         config.write(&mut digest);
         anchors.write(&mut digest);
         range_biases_m.write(&mut digest);
@@ -59,12 +65,13 @@ impl<
 
 stored!(
     Tracker<
-        const ANCHORS, const SURFACES, const SOURCES, const SEGMENTS, const PATHS, const ACTIONS, const COMPONENTS, const POINTS
+        const ANCHORS, const SURFACES, const SOURCES, const SEGMENTS, const PATHS, const ACTIONS, const COMPONENTS, const POINTS,
+        const CANDIDATES
     > {
         receiver, belief, environment, transmission, discovery, clutter, lateness, channel, controllers, cycle, last_heard,
         lever_arm_m
     }
     told { config, anchors, range_biases_m, plan, library, map }
     // Between two cycles nothing is begun.
-    made { begun, scans, seals }
+    made { phase, begun, scans, seals }
 );

@@ -83,7 +83,7 @@ pub(super) fn walls_now<
     hide: bool,
     through: impl Fn(usize) -> f32,
 ) -> Walls<'a, SEGMENTS> {
-    let walls = Walls::new(plan, |index, wall| {
+    let mut walls = Walls::new(plan, |index, wall| {
         let slot = wall.surface.map(usize::from);
         let (line, std_m) = match slot.and_then(|slot| filter.surface(slot)) {
             Some((_, state, c)) => (wall.line.moved(state.x, state.y), sqrt(larger(c.m11, 0.0))),
@@ -93,7 +93,10 @@ pub(super) fn walls_now<
             slot.and_then(|slot| environment.surface(slot)).map_or(1.0, |record| record.existence);
         WallNow { line, std_m, through: 1.0 - existence * (1.0 - through(index)) }
     });
-    if hide { walls } else { walls.open() }
+    if !hide {
+        walls.open();
+    }
+    walls
 }
 
 /// What is known of tag, map and channels.
@@ -121,13 +124,14 @@ impl<
     const ACTIONS: usize,
 > Known<'_, ANCHORS, SURFACES, SOURCES, SEGMENTS, ACTIONS>
 {
-    /// What every source of a scan's anchor is expected to show in it.
+    /// What every source of a scan's anchor is `expected` to show in it; `None` where that is not known.
     #[inline(never)]
     pub(super) fn expect<const PATHS: usize>(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
         scan: &Scan<PATHS>,
-    ) -> Option<Expectations<SOURCES>> {
+        expected: &mut Expectations<SOURCES>,
+    ) -> Option<()> {
         let anchor = scan.anchor;
         let sight = told.sight(anchor)?;
         let place = Place::of(&self.filter.agent());
@@ -137,7 +141,7 @@ impl<
         let paths = self.walls.paths(sight.anchor_m, place.position_m, place.std_m);
         let availability = paths.direct();
         let direct = self.prospect(scan, self.filter.regress(source, &sight, None)?, availability);
-        let mut expected = Expectations::new(&direct, &detection(&direct));
+        expected.begin(&direct, &detection(&direct));
         for slot in self.environment.images_of(anchor) {
             let source = Source::Virtual { anchor, slot };
             let record = self.environment.get(slot)?;
@@ -151,7 +155,7 @@ impl<
         {
             expected.disturb(&told.config.radio.pulse(action));
         }
-        Some(expected)
+        Some(())
     }
 
     /// What is known of a source before a scan.

@@ -4,15 +4,19 @@
 #![no_std]
 #![no_main]
 
+use cogmint_board::Once;
 use cogmint_board::feed::Feed;
 use cogmint_board::host::{self, Fault, Line};
 use cogmint_board::meter::{Scratch, instructions};
-use cogmint_board::{FRAMES, SAMPLES};
 use cogmint_core::model::observation::{Complex, Observation};
 use cogmint_core::perceptor::channel_estimator::ChannelEstimator;
+use core::cell::UnsafeCell;
 use cortex_m_rt::entry;
 
 type Estimator = ChannelEstimator<16>;
+
+/// The samples of one cycle.
+static FRAMES: Once<[Complex; 2 * 1024]> = Once(UnsafeCell::new([[0.0; 2]; 2 * 1024]));
 
 #[entry]
 fn main() -> ! {
@@ -21,9 +25,9 @@ fn main() -> ! {
     host::end(run(samples))
 }
 
-fn run(samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
+fn run(samples: &mut [Complex]) -> Result<(), Fault> {
     let mut feed = Feed::open().ok_or(Fault::FEED)?;
-    let setup = feed.setup().ok_or(Fault::FEED)?;
+    let setup = feed.setup::<2, 24, 32, 40>().ok_or(Fault::FEED)?;
     let radio = setup.config.radio;
     let action = setup.actions.first().ok_or(Fault::FEED)?;
     let pulse = radio.pulse(action);
@@ -36,8 +40,8 @@ fn run(samples: &mut [Complex; SAMPLES]) -> Result<(), Fault> {
     );
     let mut deepest = 0;
     for _ in 0..setup.cycles {
-        let input = feed.cycle(samples).ok_or(Fault::FEED)?;
-        for observation in &input.observations(samples) {
+        let input = feed.cycle::<2, 16>(samples).ok_or(Fault::FEED)?;
+        for observation in &input.observations::<4>(samples) {
             let Observation::Frame(frame) = observation else { continue };
             let stack = Scratch::paint()?;
             let (count, paths) = instructions(|| paths(&estimator, frame))?;

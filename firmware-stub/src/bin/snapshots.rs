@@ -7,55 +7,41 @@
 
 use cogmint_board::feed::Feed;
 use cogmint_board::host::{self, Fault, File, Line};
-use cogmint_board::{FRAMES, Once, SAMPLES};
+use cogmint_board::replay::start;
+use cogmint_board::Once;
 use cogmint_core::Tracker;
 use cogmint_core::model::observation::Complex;
 use core::cell::UnsafeCell;
-use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 
 /// As in `main.rs`.
-type BoardTracker = Tracker<2, 8, 24, 32, 16, 40, 8, 800>;
+type BoardTracker = Tracker<2, 8, 24, 32, 16, 40, 8, 800, 6>;
 
-static TRACKER: Once<MaybeUninit<BoardTracker>> = Once(UnsafeCell::new(MaybeUninit::uninit()));
+static TRACKER: Once<BoardTracker> = Once(UnsafeCell::new(Tracker::new()));
+/// The samples of one cycle.
+static FRAMES: Once<[Complex; 2 * 1024]> = Once(UnsafeCell::new([[0.0; 2]; 2 * 1024]));
+
 static SNAPSHOT: Once<[u8; 48 * 1024]> = Once(UnsafeCell::new([0; 48 * 1024]));
 
 #[entry]
 fn main() -> ! {
     // SAFETY: see `Once`.
-    let (slot, samples, bytes) =
+    let (tracker, samples, bytes) =
         unsafe { (&mut *TRACKER.0.get(), &mut *FRAMES.0.get(), &mut *SNAPSHOT.0.get()) };
-    host::end(run(slot, samples, bytes))
-}
-
-/// Constructs the tracker where it stays; how many cycles follow.
-#[inline(never)]
-fn build<'a>(
-    slot: &'a mut MaybeUninit<BoardTracker>,
-    feed: &mut Feed,
-) -> Result<(&'a mut BoardTracker, u32), Fault> {
-    let setup = feed.setup().ok_or(Fault::FEED)?;
-    let tracker = match Tracker::untold(setup.config, &setup.anchors, &setup.actions, setup.seed) {
-        Ok(tracker) => slot.write(tracker),
-        Err(_) => return Err(Fault(b"error refused set-up\n")),
-    };
-    match tracker.tell(&setup.map()) {
-        Ok(()) => Ok((tracker, setup.cycles)),
-        Err(_) => Err(Fault(b"error refused map\n")),
-    }
+    host::end(run(tracker, samples, bytes))
 }
 
 fn run(
-    slot: &mut MaybeUninit<BoardTracker>,
-    samples: &mut [Complex; SAMPLES],
+    tracker: &mut BoardTracker,
+    samples: &mut [Complex],
     bytes: &mut [u8],
 ) -> Result<(), Fault> {
     let mut feed = Feed::open().ok_or(Fault::FEED)?;
-    let (tracker, cycles) = build(slot, &mut feed)?;
+    let cycles = start(tracker, &mut feed)?;
     let cut = cycles / 2;
     let mut restored = File::open(b"restore.bin\0");
     for cycle in 0..cycles {
-        let input = feed.cycle(samples).ok_or(Fault::FEED)?;
+        let input = feed.cycle::<2, 16>(samples).ok_or(Fault::FEED)?;
         if cycle == cut {
             match &mut restored {
                 Some(file) => restore(tracker, file, bytes)?,
@@ -73,7 +59,7 @@ fn run(
         if cycle < cut && restored.is_some() {
             continue;
         }
-        let observations = input.observations(samples);
+        let observations = input.observations::<4>(samples);
         tracker.switch_antenna(input.lever_arm_m).map_err(|_| Fault(b"error refused antenna\n"))?;
         tracker
             .cycle(&observations, input.elapsed_s, input.tag_height)

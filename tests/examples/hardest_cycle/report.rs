@@ -160,7 +160,7 @@ mod tests {
         Case { seed: 7, cycle: 1, host_seconds: 0.1, hashes }
     }
 
-    const CYCLES: &str = "constructor stack 9\ncycle 0 hash 00000000000000aa 1 2 3 4 5 6 7 8\n\
+    const CYCLES: &str = "start stack 9\ncycle 0 hash 00000000000000aa 1 2 3 4 5 6 7 8\n\
                           cycle 1 hash 00000000000000bb 1 700000000 3 4 5 6 7 8\n";
 
     #[test]

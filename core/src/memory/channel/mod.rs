@@ -51,6 +51,17 @@ pub struct ChannelMemorySettings {
     pub hiding_per_s: f32,
 }
 
+impl ChannelMemorySettings {
+    /// Those of a tracker that is not started.
+    pub(crate) const NONE: Self = Self {
+        forgetting_per_s: 0.0,
+        energy_walk_per_s: 0.0,
+        noise_walk_per_s: 0.0,
+        place_ln: 0.0,
+        hiding_per_s: 0.0,
+    };
+}
+
 impl Default for ChannelMemorySettings {
     fn default() -> Self {
         Self {
@@ -135,6 +146,19 @@ impl<const ACTIONS: usize> Default for Row<ACTIONS> {
 }
 
 impl<const ACTIONS: usize> Row<ACTIONS> {
+    /// Of a memory that is not started.
+    const NONE: Self = Self {
+        paths: 0.0,
+        energy_ln: 0.0,
+        spread_ln: 0.0,
+        visibility: 0.0,
+        lasting: 0.0,
+        unseen: 0.0,
+        noise_ln: None,
+        usual_ln: 0.0,
+        excess_ln: [0.0; ACTIONS],
+    };
+
     fn is_seen(&self) -> bool {
         self.paths > 0.0
     }
@@ -164,30 +188,58 @@ impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
 {
     /// An empty memory. `prior_sinr` (linear) is assumed of sources never seen, at the carrier of the first action;
     /// with `neighbours`, actions tell of those whose spectra they overlap.
-    #[inline(always)] // built where it stays
     pub fn new(
         settings: ChannelMemorySettings,
         prior_sinr: f32,
         neighbours: bool,
         library: &Library<ACTIONS>,
     ) -> Self {
-        let reference_hz = library.get(0).map_or(1.0, |first| first.carrier_hz);
-        let mut loss_ln = [0.0; ACTIONS];
-        for (action, loss) in loss_ln.iter_mut().enumerate() {
-            if let Some(entry) = library.get(action) {
-                *loss = 2.0 * ln(entry.carrier_hz / reference_hz);
-            }
-        }
+        let mut own = Self::empty();
+        own.start(settings, prior_sinr, neighbours, library);
+        own
+    }
+
+    /// Not even a prior: to be started.
+    pub const fn empty() -> Self {
         Self {
-            direct: [Row::default(); ANCHORS],
-            virtual_anchors: [Row::default(); SOURCES],
+            direct: [Row::NONE; ANCHORS],
+            virtual_anchors: [Row::NONE; SOURCES],
             heard: [[0.0; ACTIONS]; ANCHORS],
-            settings,
-            prior_ln: ln(prior_sinr),
-            neighbours,
+            settings: ChannelMemorySettings::NONE,
+            prior_ln: 0.0,
+            neighbours: false,
             full_band: false,
-            loss_ln,
+            loss_ln: [0.0; ACTIONS],
         }
+    }
+
+    /// As [`Self::new`], where it stays.
+    pub fn start(
+        &mut self,
+        settings: ChannelMemorySettings,
+        prior_sinr: f32,
+        neighbours: bool,
+        library: &Library<ACTIONS>,
+    ) {
+        self.settings = settings;
+        self.prior_ln = ln(prior_sinr);
+        self.neighbours = neighbours;
+        self.full_band = false;
+        self.direct.iter_mut().chain(&mut self.virtual_anchors).for_each(|row| *row = Row::default());
+        self.heard.iter_mut().flatten().for_each(|heard| *heard = 0.0);
+        let reference_hz = library.get(0).map_or(1.0, |first| first.carrier_hz);
+        for (action, loss) in self.loss_ln.iter_mut().enumerate() {
+            *loss = library.get(action).map_or(0.0, |entry| 2.0 * ln(entry.carrier_hz / reference_hz));
+        }
+    }
+
+    /// Without a prior again.
+    pub fn clear(&mut self) {
+        self.direct.iter_mut().chain(&mut self.virtual_anchors).for_each(|row| *row = Row::NONE);
+        self.heard.iter_mut().flatten().for_each(|heard| *heard = 0.0);
+        self.loss_ln = [0.0; ACTIONS];
+        self.settings = ChannelMemorySettings::NONE;
+        (self.prior_ln, self.neighbours, self.full_band) = (0.0, false, false);
     }
 
     fn row(&self, source: Source) -> Option<&Row<ACTIONS>> {

@@ -3,7 +3,7 @@
 //! A range alone puts a virtual anchor on a circle around the tag. A candidate therefore starts as a ring of
 //! `hypothesis` Gaussians; every later range updates each of them and weighs it by its
 //! likelihood. Motion along a line leaves two mirror images, a turn leaves one; a candidate is resolved when one
-//! hypothesis holds nearly all weight and is small enough for a Gaussian in the plane. Bounded: [`CANDIDATES`] per
+//! hypothesis holds nearly all weight and is small enough for a Gaussian in the plane. Bounded: `CANDIDATES` per
 //! anchor, [`HYPOTHESES`] each.
 //!
 //! Whether there is a virtual anchor at all is a Bernoulli variable of its own, weighed by hits and misses against the
@@ -22,8 +22,9 @@ use crate::snapshot::{stored, written};
 use heapless::Vec;
 use nalgebra::{Matrix2, Vector2};
 
-/// Capacity: candidates per anchor, which bound memory and time.
-pub const CANDIDATES: usize = 6;
+/// Capacity: candidates per anchor of the reference size, which bound memory and time; with 0, nothing is looked for, and that takes
+/// neither.
+pub const USUAL_CANDIDATES: usize = 6;
 /// Mathematics: grid of hypotheses on a ring; capacity of a candidate.
 pub const HYPOTHESES: usize = 12;
 
@@ -54,6 +55,11 @@ pub struct DiscoverySettings {
     /// Probability of the one place taken (0.5 to 0.99999). Less: sooner, and now and then its mirror image. Chosen on
     /// development rooms.
     pub resolved_weight: f32,
+}
+
+impl DiscoverySettings {
+    /// Those of a tracker that is not started.
+    pub(crate) const NONE: Self = Self { begin_below_m: 0.0, resolved_hits: 0, resolved_weight: 0.0 };
 }
 
 impl Default for DiscoverySettings {
@@ -92,7 +98,7 @@ pub struct Viewpoint {
 
 /// How well candidates explain the measurements of a scan.
 #[derive(Clone, Debug, Default)]
-pub struct Claims<const PATHS: usize> {
+pub struct Claims<const PATHS: usize, const CANDIDATES: usize> {
     /// psi of each candidate and measurement.
     psi: Vec<[f32; PATHS], CANDIDATES>,
     /// Probability that each candidate gives no measurement.
@@ -110,14 +116,14 @@ pub struct Background {
     pub detection_probability: f32,
 }
 
-/// The candidates of every anchor.
+/// The candidates of every anchor: at most `CANDIDATES` of each.
 #[derive(Clone, Debug)]
-pub struct Discovery<const ANCHORS: usize> {
+pub struct Discovery<const ANCHORS: usize, const CANDIDATES: usize> {
     settings: DiscoverySettings,
     candidates: [Vec<Candidate, CANDIDATES>; ANCHORS],
 }
 
-impl<const PATHS: usize> Claims<PATHS> {
+impl<const PATHS: usize, const CANDIDATES: usize> Claims<PATHS, CANDIDATES> {
     /// Messages from candidates to measurements, given those the other way.
     fn messages(&self, nu: &Vec<[f32; PATHS], CANDIDATES>) -> Vec<[f32; PATHS], CANDIDATES> {
         let mut messages = Vec::new();
@@ -152,10 +158,16 @@ impl<const PATHS: usize> Claims<PATHS> {
     }
 }
 
-impl<const ANCHORS: usize> Discovery<ANCHORS> {
+impl<const ANCHORS: usize, const CANDIDATES: usize> Discovery<ANCHORS, CANDIDATES> {
     /// No candidates.
-    pub fn new(settings: DiscoverySettings) -> Self {
-        Self { settings, candidates: core::array::from_fn(|_| Vec::new()) }
+    pub const fn new(settings: DiscoverySettings) -> Self {
+        Self { settings, candidates: [const { Vec::new() }; ANCHORS] }
+    }
+
+    /// As [`Self::new`], where it stays.
+    pub fn start(&mut self, settings: DiscoverySettings) {
+        self.settings = settings;
+        self.clear();
     }
 
     /// Number of candidates of an anchor.
@@ -201,7 +213,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         viewpoint: &Viewpoint,
         measurements: &Vec<Measurement, PATHS>,
         background: &Background,
-    ) -> Claims<PATHS> {
+    ) -> Claims<PATHS, CANDIDATES> {
         let mut claims = Claims { psi: Vec::new(), absent: Vec::new() };
         for candidate in self.candidates.get(anchor).into_iter().flatten() {
             // Capacities are equal: every push succeeds.
@@ -221,7 +233,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
         anchor: usize,
         viewpoint: &Viewpoint,
         measurements: &Vec<Measurement, PATHS>,
-        claims: &Claims<PATHS>,
+        claims: &Claims<PATHS, CANDIDATES>,
         free: &[f32; PATHS],
         background: &Background,
         known_m: impl Iterator<Item = f32> + Clone,
@@ -302,7 +314,7 @@ impl<const ANCHORS: usize> Discovery<ANCHORS> {
     }
 }
 
-stored!(Discovery<const ANCHORS> { candidates } told { settings });
+stored!(Discovery<const ANCHORS, const CANDIDATES> { candidates } told { settings });
 written!(DiscoverySettings { begin_below_m, resolved_hits, resolved_weight });
 
 #[cfg(test)]
@@ -312,7 +324,7 @@ mod tests {
     use nalgebra::{Matrix4, Vector4};
 
     fn walk(points: impl Iterator<Item = [f32; 2]>, truth: [f32; 2]) -> Option<Discovered> {
-        let mut discovery = Discovery::<1>::new(DiscoverySettings::default());
+        let mut discovery = Discovery::<1, USUAL_CANDIDATES>::new(DiscoverySettings::default());
         let mut noise = 0.013;
         let still = ProcessNoise { position_m2: 0.0, cross_m2_s: 0.0, velocity_m2_s2: 0.0 };
         let step = MotionStep { drift_s: 1.0, decay: 1.0, noise: still };

@@ -4,8 +4,8 @@
 //! nu_mk = 1 / (1 + sum_{k' != k} mu_k'm), p(b_k = m) ~ psi_km nu_mk. Sums that leave one term out are formed from
 //! the terms before and after it, never by subtraction, so no digits are lost.
 
-use super::Belief;
 use super::factors::{Row, Rows, Stage, members};
+use super::{Belief, Beliefs};
 use crate::real::{abs, ln};
 
 /// Guard: against endless small changes: relative change of every message below which the iteration has converged.
@@ -13,35 +13,98 @@ pub const TOLERANCE: f32 = 1e-4;
 /// Capacity: iterations, which bound the time.
 pub const ITERATIONS: usize = 60;
 
-impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
-    /// Exchanges messages between the loopy features and the measurements within their gates until they stand
-    /// still; returns the iterations used (zero where no feature is loopy).
-    #[inline(never)]
-    pub(super) fn propagate(&mut self) -> usize {
+/// What is kept of a feature's messages beside nu, which stand where its marginals will be.
+#[derive(Clone, Copy, Debug)]
+struct Messages<const PATHS: usize> {
+    /// To the measurements.
+    mu: [f32; PATHS],
+    /// Running sum over the rows before this one.
+    above: [f32; PATHS],
+}
+
+impl<const PATHS: usize> Messages<PATHS> {
+    const NONE: Self = Self { mu: [0.0; PATHS], above: [0.0; PATHS] };
+}
+
+/// Loopy features with their messages.
+struct Loopy<'a, const SOURCES: usize, const PATHS: usize> {
+    rows: &'a Rows<SOURCES, PATHS>,
+    beliefs: &'a mut Beliefs<SOURCES, PATHS>,
+    direct: &'a mut Messages<PATHS>,
+    images: &'a mut [Messages<PATHS>; SOURCES],
+}
+
+/// Gives the loopy features their marginals, and adds their evidence; `sums` gets, per measurement, the sum of the messages to
+/// it. Kept apart, so that its messages use the stack of the exact solution.
+#[inline(never)]
+pub(super) fn propagate<const SOURCES: usize, const PATHS: usize>(
+    rows: &Rows<SOURCES, PATHS>,
+    beliefs: &mut Beliefs<SOURCES, PATHS>,
+    sums: &mut [f32; PATHS],
+) {
+    let mut direct = Messages::NONE;
+    let mut images = [Messages::NONE; SOURCES];
+    let mut loopy = Loopy { rows, beliefs, direct: &mut direct, images: &mut images };
+    for (row, nu, _) in loopy.features() {
+        for m in members(row.gated) {
+            if let Some(nu) = nu.associated.get_mut(m) {
+                *nu = 1.0;
+            }
+        }
+    }
+    loopy.exchange();
+    let evidence_nat = loopy.evidence_nat();
+    loopy.beliefs.evidence_nat += evidence_nat;
+    for (row, belief, messages) in loopy.features() {
+        row.conclude(belief);
+        for m in members(row.gated) {
+            if let Some((sum, mu)) = sums.get_mut(m).zip(messages.mu.get(m)) {
+                *sum += mu;
+            }
+        }
+    }
+}
+
+impl<const SOURCES: usize, const PATHS: usize> Loopy<'_, SOURCES, PATHS> {
+    /// The loopy features, the direct path first, with what holds their messages.
+    fn features(
+        &mut self,
+    ) -> impl DoubleEndedIterator<Item = (&Row<PATHS>, &mut Belief<PATHS>, &mut Messages<PATHS>)> {
+        let Self { rows, beliefs, direct, images } = self;
+        let Beliefs { direct: of_direct, virtual_anchors, .. } = &mut **beliefs;
+        let first = core::iter::once((&rows.direct, of_direct, &mut **direct));
+        let others = rows.virtual_anchors.iter().zip(virtual_anchors.iter_mut()).zip(images.iter_mut());
+        let others = others.map(|((row, belief), messages)| (row, belief, messages));
+        first.chain(others).filter(|(row, ..)| row.stage == Stage::Loopy)
+    }
+
+    /// Exchanges messages between the features and the measurements within their gates until they stand still; notes the iterations
+    /// used.
+    fn exchange(&mut self) {
         let mut iterations = 0;
-        while iterations < ITERATIONS && self.loopy().next().is_some() {
+        while iterations < ITERATIONS {
             iterations += 1;
-            for row in self.loopy() {
-                row.send_to_measurements();
+            for (row, nu, messages) in self.features() {
+                row.send_to_measurements(&nu.associated, &mut messages.mu);
             }
             if !self.send_to_features() {
                 break;
             }
         }
-        iterations
+        self.beliefs.iterations = iterations;
     }
 
     /// Evidence of the loopy features, nats, by Bethe's approximation:
     ///
     /// sum_k ln (psi_k0 + sum_m psi_km nu_mk) + sum_m ln (1 + sum_k mu_km) - sum_km ln (1 + mu_km nu_mk).
-    pub(super) fn evidence_nat(&self) -> f32 {
+    fn evidence_nat(&mut self) -> f32 {
         let mut evidence_nat = 0.0;
         let mut sums = [1.0; PATHS];
-        for row in self.iter().filter(|row| row.stage == Stage::Loopy) {
+        for (row, nu, messages) in self.features() {
             let mut own = row.absent;
             for m in members(row.gated) {
-                let messages = row.psi.get(m).zip(row.nu.get(m)).zip(row.mu.get(m)).zip(sums.get_mut(m));
-                if let Some((((psi, nu), mu), sum)) = messages {
+                let terms = row.psi.get(m).zip(nu.associated.get(m)).zip(messages.mu.get(m));
+                if let Some((((psi, nu), mu), sum)) = terms.zip(sums.get_mut(m)) {
                     own += psi * nu;
                     *sum += mu;
                     evidence_nat -= ln(1.0 + mu * nu);
@@ -57,17 +120,13 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         evidence_nat
     }
 
-    fn loopy(&mut self) -> impl DoubleEndedIterator<Item = &mut Row<PATHS>> {
-        self.iter_mut().filter(|row| row.stage == Stage::Loopy)
-    }
-
     /// The messages nu from every measurement to every feature; true while any still moves.
     fn send_to_features(&mut self) -> bool {
         let mut sums = [1.0; PATHS];
-        for row in self.loopy() {
+        for (row, _, messages) in self.features() {
             for m in members(row.gated) {
                 if let (Some(above), Some(sum), Some(mu)) =
-                    (row.above.get_mut(m), sums.get_mut(m), row.mu.get(m))
+                    (messages.above.get_mut(m), sums.get_mut(m), messages.mu.get(m))
                 {
                     *above = *sum;
                     *sum += mu;
@@ -76,11 +135,11 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         }
         let mut below = [0.0; PATHS];
         let mut moving = false;
-        for row in self.loopy().rev() {
+        for (row, nu, messages) in self.features().rev() {
             for m in members(row.gated) {
-                let messages = row.nu.get_mut(m).zip(row.mu.get(m));
-                let sums = row.above.get(m).zip(below.get_mut(m));
-                if let (Some((nu, mu)), Some((above, sum))) = (messages, sums) {
+                let terms = nu.associated.get_mut(m).zip(messages.mu.get(m));
+                let sums = messages.above.get(m).zip(below.get_mut(m));
+                if let (Some((nu, mu)), Some((above, sum))) = (terms, sums) {
                     let next = 1.0 / (above + *sum);
                     moving |= abs(next - *nu) > TOLERANCE * *nu;
                     *nu = next;
@@ -95,32 +154,30 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
 impl<const PATHS: usize> Row<PATHS> {
     /// The messages mu from this feature to every measurement.
     #[inline(never)]
-    fn send_to_measurements(&mut self) {
+    fn send_to_measurements(&self, nu: &[f32; PATHS], messages: &mut [f32; PATHS]) {
         let mut before = self.absent;
         for m in members(self.gated) {
-            if let (Some(mu), Some(psi), Some(nu)) = (self.mu.get_mut(m), self.psi.get(m), self.nu.get(m)) {
+            if let (Some(mu), Some(psi), Some(nu)) = (messages.get_mut(m), self.psi.get(m), nu.get(m)) {
                 *mu = before;
                 before += psi * nu;
             }
         }
         let mut after = 0.0;
         for m in members(self.gated.reverse_bits()).map(|place| 31_usize.wrapping_sub(place)) {
-            if let (Some(mu), Some(psi), Some(nu)) = (self.mu.get_mut(m), self.psi.get(m), self.nu.get(m)) {
+            if let (Some(mu), Some(psi), Some(nu)) = (messages.get_mut(m), self.psi.get(m), nu.get(m)) {
                 *mu = psi / (*mu + after);
                 after += psi * nu;
             }
         }
     }
 
-    /// Writes the marginals that the messages give.
+    /// Makes marginals of the messages nu.
     #[inline(never)]
-    pub(super) fn conclude(&self, belief: &mut Belief<PATHS>) {
+    fn conclude(&self, belief: &mut Belief<PATHS>) {
         let mut sum = self.absent;
         for m in members(self.gated) {
-            if let (Some(p), Some(psi), Some(nu)) =
-                (belief.associated.get_mut(m), self.psi.get(m), self.nu.get(m))
-            {
-                *p = psi * nu;
+            if let (Some(p), Some(psi)) = (belief.associated.get_mut(m), self.psi.get(m)) {
+                *p *= psi;
                 sum += *p;
             }
         }

@@ -27,7 +27,7 @@ pub(super) enum Stage {
     Loopy,
 }
 
-/// One feature's factors and, for belief propagation, its messages.
+/// One feature's factors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row<const PATHS: usize> {
     pub(super) stage: Stage,
@@ -39,27 +39,12 @@ pub(super) struct Row<const PATHS: usize> {
     pub(super) psi: [f32; PATHS],
     /// Bit m is set where psi_km is above zero.
     pub(super) gated: u32,
-    /// Messages from the measurements.
-    pub(super) nu: [f32; PATHS],
-    /// Messages to the measurements.
-    pub(super) mu: [f32; PATHS],
-    /// Running sum over the rows before this one.
-    pub(super) above: [f32; PATHS],
 }
 
 impl<const PATHS: usize> Row<PATHS> {
     /// A feature that is never detected.
     fn blank() -> Self {
-        Self {
-            stage: Stage::Waiting,
-            range_m: 0.0,
-            absent: 1.0,
-            psi: [0.0; PATHS],
-            gated: 0,
-            nu: [1.0; PATHS],
-            mu: [0.0; PATHS],
-            above: [0.0; PATHS],
-        }
+        Self { stage: Stage::Waiting, range_m: 0.0, absent: 1.0, psi: [0.0; PATHS], gated: 0 }
     }
 
     #[inline(never)]
@@ -93,9 +78,6 @@ impl<const PATHS: usize> Row<PATHS> {
             absent: larger(absent, LEAST_ABSENT),
             psi,
             gated: 0,
-            nu: [1.0; PATHS],
-            mu: [0.0; PATHS],
-            above: [0.0; PATHS],
         }
     }
 

@@ -67,6 +67,17 @@ pub struct AssociationSettings {
     pub map_change_per_s: f32,
 }
 
+impl AssociationSettings {
+    /// Those of a tracker that is not started.
+    pub(crate) const NONE: Self = Self {
+        mode: Mode::Soft,
+        detection_probability: 0.0,
+        clutter_per_anchor: 0.0,
+        unmapped_per_anchor: 0.0,
+        map_change_per_s: 0.0,
+    };
+}
+
 /// What the most probable joint association of its cluster gives a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -219,47 +230,78 @@ pub fn associate<const SOURCES: usize, const PATHS: usize>(
     measurements: &Vec<Measurement, PATHS>,
     background: &Background<PATHS>,
 ) -> Beliefs<SOURCES, PATHS> {
-    associate_within(direct, virtual_anchors, measurements, background, STATES)
+    let mut beliefs = Beliefs::none();
+    associate_within(direct, virtual_anchors, measurements, background, STATES, &mut beliefs);
+    beliefs
 }
 
-/// As [`associate`]; clusters that need more than `limit` values for an exact solution are not given one.
+/// As [`associate`], written where the beliefs stay; clusters that need more than `limit` values for an exact solution are not given
+/// one.
 fn associate_within<const SOURCES: usize, const PATHS: usize>(
     direct: &Expectation,
     virtual_anchors: &Vec<Expectation, SOURCES>,
     measurements: &Vec<Measurement, PATHS>,
     background: &Background<PATHS>,
     limit: usize,
-) -> Beliefs<SOURCES, PATHS> {
+    beliefs: &mut Beliefs<SOURCES, PATHS>,
+) {
     let count = measurements.len();
     let mut rows = Rows::empty();
     rows.fill(direct, virtual_anchors, measurements, background);
-    let blank =
-        Belief { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown, rest: 1.0 };
-    let mut beliefs = Beliefs {
-        direct: blank,
-        virtual_anchors: Vec::new(),
-        unassociated: [0.0; PATHS],
-        iterations: 0,
-        evidence_nat: background.evidence_nat(count),
-        outage: 0.0,
-    };
-    for _ in virtual_anchors {
-        // Capacities are equal: every push succeeds.
-        let _ = beliefs.virtual_anchors.push(blank);
+    beliefs.begin(virtual_anchors.len(), background.evidence_nat(count));
+    solve_clusters(&mut rows, beliefs, limit);
+    let mut loopy = [0.0; PATHS];
+    if rows.iter().any(|row| row.stage == Stage::Loopy) {
+        belief_propagation::propagate(&rows, beliefs, &mut loopy);
     }
+    beliefs.conclude(&rows, direct, virtual_anchors, count, &loopy);
+}
+
+/// Solves every cluster for which the memory suffices; the others are loopy.
+#[inline(never)]
+fn solve_clusters<const SOURCES: usize, const PATHS: usize>(
+    rows: &mut Rows<SOURCES, PATHS>,
+    beliefs: &mut Beliefs<SOURCES, PATHS>,
+    limit: usize,
+) {
     let mut trellis = Trellis::new();
     while rows.gather_cluster() {
-        let solved = trellis.solve(&mut rows, &mut beliefs, limit);
+        let solved = trellis.solve(rows, beliefs, limit);
         rows.settle_cluster(if solved { Stage::Exact } else { Stage::Loopy });
     }
-    beliefs.iterations = rows.propagate();
-    beliefs.evidence_nat += rows.evidence_nat();
-    beliefs.conclude(&rows, direct, virtual_anchors, count);
-    beliefs
 }
 
 impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
-    /// Fills in what the exact solution leaves: marginals of loopy features, existence, and what is unassociated.
+    /// Beliefs about nothing.
+    // A function: of a constant, all room for virtual anchors would be copied out of the flash.
+    #[inline(always)]
+    pub(crate) const fn none() -> Self {
+        Self {
+            direct: Belief::NONE,
+            virtual_anchors: Vec::new(),
+            unassociated: [0.0; PATHS],
+            iterations: 0,
+            evidence_nat: 0.0,
+            outage: 0.0,
+        }
+    }
+
+    /// Begins with nothing associated with any of so many virtual anchors; `evidence_nat` is that of clutter alone.
+    fn begin(&mut self, virtual_anchors: usize, evidence_nat: f32) {
+        self.direct = Belief::NONE;
+        self.virtual_anchors.clear();
+        for _ in 0..virtual_anchors {
+            // Capacities are equal: every push succeeds.
+            let _ = self.virtual_anchors.push(Belief::NONE);
+        }
+        self.unassociated = [0.0; PATHS];
+        self.iterations = 0;
+        self.evidence_nat = evidence_nat;
+        self.outage = 0.0;
+    }
+
+    /// Fills in what the solutions leave: existence, and what is unassociated; `loopy` are the sums of the messages to every
+    /// measurement.
     #[inline(never)]
     fn conclude(
         &mut self,
@@ -267,24 +309,17 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
         direct: &Expectation,
         virtual_anchors: &Vec<Expectation, SOURCES>,
         count: usize,
+        loopy: &[f32; PATHS],
     ) {
         for free in self.unassociated.iter_mut().take(count) {
             *free = 1.0;
         }
-        let mut loopy = [0.0; PATHS];
         let expectations = core::iter::once(direct).chain(virtual_anchors);
         let beliefs = core::iter::once(&mut self.direct).chain(&mut self.virtual_anchors);
         for ((row, belief), expectation) in rows.iter().zip(beliefs).zip(expectations) {
-            if row.stage == Stage::Loopy {
-                row.conclude(belief);
-            }
-            for m in members(row.gated) {
-                let sums = self.unassociated.get_mut(m).zip(loopy.get_mut(m));
-                let terms = belief.associated.get(m).zip(row.mu.get(m));
-                if let (Some((free, sum)), Some((p, mu))) = (sums, terms) {
-                    if row.stage == Stage::Loopy {
-                        *sum += mu;
-                    } else {
+            if row.stage != Stage::Loopy {
+                for m in members(row.gated) {
+                    if let Some((free, p)) = self.unassociated.get_mut(m).zip(belief.associated.get(m)) {
                         *free -= p;
                     }
                 }
@@ -294,10 +329,16 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
             belief.existence = 1.0 - belief.missed * (1.0 - undetected);
         }
         // A measurement belongs to one cluster, so that one of the two leaves it as it was.
-        for (free, sum) in self.unassociated.iter_mut().zip(&loopy).take(count) {
+        for (free, sum) in self.unassociated.iter_mut().zip(loopy).take(count) {
             *free = larger(*free, 0.0) / (1.0 + sum);
         }
     }
+}
+
+impl<const PATHS: usize> Belief<PATHS> {
+    /// Of a feature that gives no measurement.
+    pub(crate) const NONE: Self =
+        Self { missed: 1.0, associated: [0.0; PATHS], existence: 0.0, joint: Joint::Unknown, rest: 1.0 };
 }
 
 impl Written for Mode {
@@ -526,7 +567,8 @@ mod tests {
             let (direct, others) = features.split_first().unwrap();
             let others: Vec<Expectation, K> = others.iter().copied().collect();
             let background = uniform_background(direct, &measurements, density as f32);
-            let beliefs = associate_within(direct, &others, &measurements, &background, limit);
+            let mut beliefs = Beliefs::none();
+            associate_within(direct, &others, &measurements, &background, limit, &mut beliefs);
             let truth = Enumeration::new(
                 &features,
                 &measurements,

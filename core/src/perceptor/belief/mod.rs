@@ -63,6 +63,21 @@ pub struct BeliefSettings {
     pub reads_below_threshold: bool,
 }
 
+impl BeliefSettings {
+    /// Those of a tracker that is not started.
+    pub(crate) const NONE: Self = Self {
+        turns_per_s: 0.0,
+        elsewhere_per_s: 0.0,
+        split_above_m: 0.0,
+        outages_per_s: 0.0,
+        returns_per_s: 0.0,
+        comparisons: 0,
+        walls_bar_ways: false,
+        walls_hide_paths: false,
+        reads_below_threshold: false,
+    };
+}
+
 impl Default for BeliefSettings {
     fn default() -> Self {
         Self {
@@ -137,36 +152,74 @@ pub struct TagBelief<const ANCHORS: usize, const SURFACES: usize, const COMPONEN
 impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     TagBelief<ANCHORS, SURFACES, COMPONENTS>
 {
-    /// One component. `speed_m_s` is the standard deviation per axis of a velocity that nothing is known of.
-    #[inline(always)] // built where it stays
+    /// One component of this state. `speed_m_s` is the standard deviation per axis of a velocity that nothing is known of.
     pub fn new(
         filter: StateFilter<ANCHORS, SURFACES>,
         speed_m_s: f32,
         region: Region,
         settings: BeliefSettings,
     ) -> Self {
-        const { assert!(COMPONENTS > 0, "a belief has a component") };
-        let summary = Summary::of_one(&filter.agent());
-        let mut components = Vec::new();
-        // Capacity is above 0: the push succeeds.
-        let outages = Outages::usual(&settings);
-        let _ = components.push(Component::established(filter.clone(), outages));
+        let mut own = Self::empty();
+        own.start(speed_m_s, region, settings, |trusted| *trusted = filter);
+        own
+    }
+
+    /// No component: to be started.
+    pub const fn empty() -> Self {
         Self {
-            settings,
-            speed_m2_s2: speed_m_s * speed_m_s,
-            components,
-            slots: COMPONENTS,
+            settings: BeliefSettings::NONE,
+            speed_m2_s2: 0.0,
+            components: Vec::new(),
+            slots: 0,
             crowded_out: 0,
             leader: 0,
-            trusted: filter,
-            summary,
-            region,
-            anywhere_nat: LEAST_NAT,
-            outages,
-            explained: 1.0,
-            is_doubtful: summary.probability < SETTLED,
+            trusted: StateFilter::empty(),
+            summary: Summary::NONE,
+            region: Region::NONE,
+            anywhere_nat: 0.0,
+            outages: Outages::NONE,
+            explained: 0.0,
+            is_doubtful: false,
             heard: 0,
         }
+    }
+
+    /// As [`Self::new`], where it stays: `fill` makes the state of an empty one.
+    #[inline(never)]
+    pub fn start(
+        &mut self,
+        speed_m_s: f32,
+        region: Region,
+        settings: BeliefSettings,
+        fill: impl FnOnce(&mut StateFilter<ANCHORS, SURFACES>),
+    ) {
+        const { assert!(COMPONENTS > 0, "COMPONENTS is 0: a belief has one component at least") };
+        self.clear();
+        fill(&mut self.trusted);
+        self.settings = settings;
+        self.speed_m2_s2 = speed_m_s * speed_m_s;
+        self.outages = Outages::usual(&settings);
+        // Capacity is above 0: the push succeeds.
+        let _ = self.components.push(Component::established(self.trusted.clone(), self.outages));
+        self.slots = COMPONENTS;
+        self.summary = Summary::of_one(&self.trusted.agent());
+        self.region = region;
+        self.anywhere_nat = LEAST_NAT;
+        self.explained = 1.0;
+        self.is_doubtful = self.summary.probability < SETTLED;
+    }
+
+    /// No component again.
+    pub fn clear(&mut self) {
+        self.components.clear();
+        self.trusted = StateFilter::empty();
+        self.settings = BeliefSettings::NONE;
+        self.summary = Summary::NONE;
+        self.region = Region::NONE;
+        self.outages = Outages::NONE;
+        (self.slots, self.leader, self.crowded_out, self.heard) = (0, 0, 0, 0);
+        (self.speed_m2_s2, self.anywhere_nat, self.explained) = (0.0, 0.0, 0.0);
+        self.is_doubtful = false;
     }
 
     /// The components.
@@ -193,13 +246,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     pub fn tell(&mut self, mut tell: impl FnMut(&mut StateFilter<ANCHORS, SURFACES>)) {
         tell(&mut self.trusted);
         for component in &mut self.components {
-            component.filter = self.trusted.clone();
+            component.filter.clone_from(&self.trusted);
         }
-    }
-
-    /// Tells where a tag is that is at none of the places held.
-    pub fn bound(&mut self, region: Region) {
-        self.region = region;
     }
 
     /// Enters how well an anchor's scan is explained by a tag that is anywhere, nats, `elapsed_s` seconds after the last.
@@ -546,8 +594,8 @@ mod tests {
     use crate::model::motion::Motion;
     use crate::model::source::{Sight, Source};
     use crate::perceptor::association::Mode;
-    use crate::perceptor::association::outcome::associate_scan;
-    use crate::perceptor::expectation::{Detection, Expectations, Prospect, Sighting};
+    use crate::perceptor::association::outcome::{AssociatedScan, associate_scan};
+    use crate::perceptor::expectation::{Detection, Prospect, Sighting};
     use crate::perceptor::scan::Scan;
 
     const ANCHORS: [[f32; 2]; 3] = [[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]];
@@ -663,9 +711,10 @@ mod tests {
                     };
                     let detection =
                         Detection { probability: DETECTION, found: DETECTION, sighting: Sighting::Open };
-                    let expected = Expectations::<1>::new(&prospect, &detection);
+                    let mut outcome = AssociatedScan::<1, 4>::of(scan);
+                    outcome.expected.begin(&prospect, &detection);
                     let outage = component.outages.predict(anchor, CYCLE_S, &settings);
-                    let outcome = associate_scan(scan, expected, &[1.0; 4], &CLUTTER, outage, Mode::Soft);
+                    associate_scan(&mut outcome, &[1.0; 4], &CLUTTER, outage, Mode::Soft);
                     component.outages.set(anchor, outcome.beliefs.outage);
                     component.weight_nat += outcome.beliefs.evidence_nat;
                     component.filter.update(outcome.innovations());

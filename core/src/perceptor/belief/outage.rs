@@ -13,6 +13,9 @@ use crate::snapshot::{Blank, Reader, Sink, SnapshotError, Stored, Written};
 pub struct Outages<const ANCHORS: usize>([f32; ANCHORS]);
 
 impl<const ANCHORS: usize> Outages<ANCHORS> {
+    /// None.
+    pub(super) const NONE: Self = Self([0.0; ANCHORS]);
+
     /// As they are in the long run.
     pub fn usual(settings: &BeliefSettings) -> Self {
         Self([usual(settings); ANCHORS])

@@ -55,6 +55,10 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Nothing is believed.
+    pub(super) const NONE: Self =
+        Self { position_m: [0.0; 2], probability: 0.0, covariance_m2: Matrix2::new(0.0, 0.0, 0.0, 0.0) };
+
     /// Of one component.
     pub(super) fn of_one(agent: &Agent) -> Self {
         let c = &agent.covariance;

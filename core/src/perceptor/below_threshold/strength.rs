@@ -138,6 +138,8 @@ pub struct Background {
 }
 
 impl Background {
+    /// That of a tracker that is not started.
+    pub(crate) const NONE: Self = Self { noise: 0.0, paths: [0.0; CLASSES] };
     /// Before anything was seen: one point in ten has more than noise, half as many the stronger.
     pub const USUAL: Self = Self { noise: 0.9, paths: [0.052, 0.026, 0.013, 0.0065, 0.0025] };
 

@@ -36,9 +36,15 @@ pub(super) struct Interpolation {
 }
 
 impl Interpolation {
-    pub fn new() -> Self {
-        let mut kernels = [[0.0; TAPS]; KEPT + 1];
-        for (phase, kernel) in kernels.iter_mut().enumerate() {
+    /// No weights: to be filled.
+    pub const fn empty() -> Self {
+        Self { kernels: [[0.0; TAPS]; KEPT + 1] }
+    }
+
+    /// Tabulates the weights.
+    #[inline(never)]
+    pub fn fill(&mut self) {
+        for (phase, kernel) in self.kernels.iter_mut().enumerate() {
             let fraction = phase as f32 / PHASES as f32;
             for (tap, weight) in kernel.iter_mut().enumerate() {
                 let distance = fraction + BEFORE as f32 - tap as f32;
@@ -48,7 +54,6 @@ impl Interpolation {
                 *weight = if distance == 0.0 { 1.0 } else { sin(angle) / angle * (taper * taper) };
             }
         }
-        Self { kernels }
     }
 
     /// The weights of the taps for positions `fraction` of a sample after the one with the number [`BEFORE`].
@@ -117,7 +122,8 @@ mod tests {
     #[test]
     fn a_band_limited_frame_is_found_between_its_samples() {
         // Up to 0.4 cycles per sample, as a roll-off of 0.6 at two samples per pulse leaves it.
-        let table = Interpolation::new();
+        let mut table = Interpolation::empty();
+        table.fill();
         for cycles in [0.05_f64, 0.2, 0.4] {
             let at = |n: f64| {
                 let angle = std::f64::consts::TAU * cycles * n;
@@ -135,7 +141,8 @@ mod tests {
 
     #[test]
     fn beyond_the_frame_there_is_nothing() {
-        let table = Interpolation::new();
+        let mut table = Interpolation::empty();
+        table.fill();
         let samples = [[1.0, 0.0]; 20];
         assert_eq!(table.at(&samples, -40.0), [0.0, 0.0]);
         assert_eq!(table.at(&samples, 60.0), [0.0, 0.0]);

@@ -98,6 +98,17 @@ pub struct EstimatorSettings {
     pub begins_with_path: bool,
 }
 
+impl EstimatorSettings {
+    /// Those of a tracker that is not started.
+    pub(crate) const NONE: Self = Self {
+        dense_decay_s: 0.0,
+        dense_decay_pulses: 0.0,
+        strong_sinr: 0.0,
+        merge_pulses: 0.0,
+        begins_with_path: false,
+    };
+}
+
 impl Default for EstimatorSettings {
     fn default() -> Self {
         Self {
@@ -146,6 +157,50 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         false_paths: f32,
         settings: EstimatorSettings,
     ) -> Self {
+        let mut estimator = Self::empty();
+        estimator.start(pulse, sample_spacing_s, samples, false_paths, settings);
+        estimator
+    }
+
+    /// An estimator without a pulse: to be started.
+    #[inline(always)] // built where it stays
+    pub const fn empty() -> Self {
+        Self {
+            pulse: Pulse::NONE,
+            table: PulseTable::empty(),
+            interpolation: Interpolation::empty(),
+            sample_spacing_s: 0.0,
+            profile: Profile::NONE,
+            threshold: 0.0,
+            magnitude_threshold: 0.0,
+            beginning_threshold: 0.0,
+            settings: EstimatorSettings::NONE,
+        }
+    }
+
+    /// As [`Self::new`], where it stays.
+    pub fn start(
+        &mut self,
+        pulse: Pulse,
+        sample_spacing_s: f32,
+        samples: usize,
+        false_paths: f32,
+        settings: EstimatorSettings,
+    ) {
+        self.interpolation.fill();
+        self.change(pulse, sample_spacing_s, samples, false_paths, settings);
+    }
+
+    /// The same for another pulse.
+    #[inline(never)]
+    pub(crate) fn change(
+        &mut self,
+        pulse: Pulse,
+        sample_spacing_s: f32,
+        samples: usize,
+        false_paths: f32,
+        settings: EstimatorSettings,
+    ) {
         // Out of range they would stall the set-up: spacings from 1 ps to 1 us, pulses from 10 ps to 1 us.
         let sample_spacing_s = limited(sample_spacing_s, 1e-12, 1e-6);
         let pulse = Pulse { duration_s: limited(pulse.duration_s, 1e-11, 1e-6), ..pulse };
@@ -155,17 +210,14 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let bandwidth_window = pulse.rms_bandwidth_hz() * window_s;
         let known_threshold = detection_threshold(bandwidth_window, false_paths);
         let beginning = detection_threshold(bandwidth_window, BEGINNING_SHARE * false_paths);
-        Self {
-            pulse,
-            table: PulseTable::new(&pulse, sample_spacing_s),
-            interpolation: Interpolation::new(),
-            sample_spacing_s,
-            profile,
-            threshold: fitted_threshold(&pulse, &profile, &COMPLEX_CUT, known_threshold),
-            magnitude_threshold: fitted_threshold(&pulse, &profile, &MAGNITUDE_CUT, known_threshold),
-            beginning_threshold: threshold_beside(fitted_samples(&pulse, &profile), beginning),
-            settings,
-        }
+        self.table.fill(&pulse, sample_spacing_s);
+        self.pulse = pulse;
+        self.sample_spacing_s = sample_spacing_s;
+        self.profile = profile;
+        self.threshold = fitted_threshold(&pulse, &profile, &COMPLEX_CUT, known_threshold);
+        self.magnitude_threshold = fitted_threshold(&pulse, &profile, &MAGNITUDE_CUT, known_threshold);
+        self.beginning_threshold = threshold_beside(fitted_samples(&pulse, &profile), beginning);
+        self.settings = settings;
     }
 
     /// Threshold kappa on a path's normalised energy in such samples, where their noise is Gaussian.

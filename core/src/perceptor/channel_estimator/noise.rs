@@ -72,6 +72,9 @@ pub(super) struct Profile {
 }
 
 impl Profile {
+    /// No profile.
+    pub const NONE: Self = Self { decay_s: 0.0, rise_s: 0.0 };
+
     /// That for a pulse of the effective duration `effective_duration_s`.
     pub fn new(effective_duration_s: f32, settings: &EstimatorSettings) -> Self {
         let decay_s = larger(settings.dense_decay_s, settings.dense_decay_pulses * effective_duration_s);

@@ -48,11 +48,22 @@ pub struct Residual<const POINTS: usize> {
 
 impl<const POINTS: usize> Default for Residual<POINTS> {
     fn default() -> Self {
-        Self { first_m: 0.0, points_per_m: 0.0, energies: Vec::new() }
+        Self::empty()
     }
 }
 
 impl<const POINTS: usize> Residual<POINTS> {
+    /// Of no frame.
+    pub const fn empty() -> Self {
+        Self { first_m: 0.0, points_per_m: 0.0, energies: Vec::new() }
+    }
+
+    /// Of no frame any more.
+    pub fn clear(&mut self) {
+        (self.first_m, self.points_per_m) = (0.0, 0.0);
+        self.energies.clear();
+    }
+
     /// Energy over the level where a path of this length arrives, in sixteenths and not more than [`MOST`]; `None` where nothing is
     /// known: beyond the frame or what is kept of it, and around the paths that were found.
     pub fn energy(&self, range_m: f32) -> Option<u8> {

@@ -140,7 +140,7 @@ pub struct Expectations<const SOURCES: usize> {
     /// What is expected of each of them.
     pub expectations: Vec<Expectation, SOURCES>,
     /// How each can be seen, the direct path first.
-    views: (View, Vec<View, SOURCES>),
+    pub(in crate::perceptor) views: (View, Vec<View, SOURCES>),
 }
 
 /// How a source can be seen.
@@ -162,16 +162,54 @@ pub struct View {
     pub is_seen: bool,
 }
 
+impl View {
+    /// Of a source that nothing shows.
+    const NONE: Self = Self {
+        sinr: 0.0,
+        found: 0.0,
+        lasting: 0.0,
+        sighting: Sighting::Hidden,
+        present: 0.0,
+        sinr_now: 0.0,
+        is_seen: false,
+    };
+}
+
 impl<const SOURCES: usize> Expectations<SOURCES> {
-    /// What a direct path is expected to show, and no virtual anchors yet.
-    pub fn new(direct: &Prospect, detection: &Detection) -> Self {
+    /// Nothing is expected.
+    // A function: of a constant, all room for virtual anchors would be copied out of the flash.
+    #[inline(always)]
+    pub(crate) const fn none() -> Self {
         Self {
-            direct: direct.regression,
-            direct_path: expectation(&direct.regression, 1.0, detection),
+            direct: Regression::NONE,
+            direct_path: Expectation {
+                range_m: 0.0,
+                variance_m2: 0.0,
+                existence: 0.0,
+                detection: 0.0,
+                lateness: Lateness::NONE,
+            },
             virtual_anchors: Vec::new(),
             expectations: Vec::new(),
-            views: (view(direct, detection), Vec::new()),
+            views: (View::NONE, Vec::new()),
         }
+    }
+
+    /// What a direct path is expected to show, and no virtual anchors yet.
+    pub fn new(direct: &Prospect, detection: &Detection) -> Self {
+        let mut expected = Self::none();
+        expected.begin(direct, detection);
+        expected
+    }
+
+    /// [`Self::new`], in place of what was expected before.
+    pub fn begin(&mut self, direct: &Prospect, detection: &Detection) {
+        self.direct = direct.regression;
+        self.direct_path = expectation(&direct.regression, 1.0, detection);
+        self.virtual_anchors.clear();
+        self.expectations.clear();
+        self.views.0 = view(direct, detection);
+        self.views.1.clear();
     }
 
     /// Adds a virtual anchor that exists with probability `existence`.

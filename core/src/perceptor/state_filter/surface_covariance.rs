@@ -136,7 +136,7 @@ fn change_all(block: &mut Matrix2<f32>, scaled_k: &[Vector2<f32>], w_l: &[Vector
 
 impl<const SURFACES: usize> SurfaceCovariance<SURFACES> {
     /// All zero.
-    pub(super) fn zero() -> Self {
+    pub(super) const fn zero() -> Self {
         Self { cells: [[[0.0; 2]; SURFACES]; SURFACES], beside: [0.0; SURFACES] }
     }
 

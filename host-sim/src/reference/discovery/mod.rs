@@ -27,7 +27,7 @@ use super::motion::{Agent, MotionStep, PX, PY};
 use super::real::{Real, abs, larger, sqrt, square};
 use super::{Matrix, Square, zeros};
 use cogmint_core::memory::discovery::{
-    CANDIDATES, CLEARLY, DiscoverySettings, LEAST_FREE, LEAST_PRIOR, LOST_M2, ROUNDS,
+    CLEARLY, DiscoverySettings, LEAST_FREE, LEAST_PRIOR, LOST_M2, ROUNDS, USUAL_CANDIDATES,
 };
 use std::fmt;
 
@@ -233,7 +233,7 @@ impl<T: Real> Discovery<T> {
             let known = larger(measurements[m].variance_m2, square(num(self.settings.begin_below_m)));
             let deviation = sqrt(viewpoint.direct_variance_m2 + measurements[m].variance_m2);
             let reflected = measurements[m].range_m > viewpoint.direct_m + num(CLEARLY) * deviation;
-            let free = unclaimed[m] > num(0.5) && candidates.len() < CANDIDATES;
+            let free = unclaimed[m] > num(0.5) && candidates.len() < USUAL_CANDIDATES;
             let apart = known_m.iter().all(|known_m| abs(measurements[m].range_m - *known_m) >= resolution_m);
             if free && reflected && apart && tag < known {
                 candidates.push(Candidate::ring(viewpoint, &measurements[m], prior));
