@@ -17,6 +17,9 @@ macro_rules! sized {
         let setup: &Setup = $setup;
         let mut tracker = Box::new(Tracker::<$($size),*>::new());
         tracker.start(&setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed)?;
+        for (anchor, [mean_m, std_m]) in setup.range_biases_m.iter().enumerate() {
+            tracker.tell_range_bias(anchor, *mean_m, *std_m)?;
+        }
         for (cycle, input) in inputs($recording).enumerate() {
             tracker.switch_antenna(input.arm_m(&setup.config))?;
             tracker.cycle(&input.observations(), input.elapsed_s, input.tag_height)?;
