@@ -145,14 +145,14 @@
 /**
  * Bytes of memory that a tracker is sure to fit in. cogmint_tracker_size() tells how many it takes.
  */
-#define COGMINT_TRACKER_SIZE 50688
+#define COGMINT_TRACKER_SIZE 50944
 #endif
 
 #if (defined(COGMINT_RANGES) && defined(COGMINT_POINTER_BITS_64))
 /**
  * Bytes of memory that a tracker is sure to fit in. cogmint_tracker_size() tells how many it takes.
  */
-#define COGMINT_TRACKER_SIZE 51456
+#define COGMINT_TRACKER_SIZE 51968
 #endif
 
 /**

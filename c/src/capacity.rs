@@ -64,10 +64,10 @@ pub const COGMINT_TRACKER_SIZE: usize = 41984;
 pub const COGMINT_TRACKER_SIZE: usize = 42496;
 /// Bytes of memory that a tracker is sure to fit in. cogmint_tracker_size() tells how many it takes.
 #[cfg(all(feature = "ranges", target_pointer_width = "32"))]
-pub const COGMINT_TRACKER_SIZE: usize = 50688;
+pub const COGMINT_TRACKER_SIZE: usize = 50944;
 /// Bytes of memory that a tracker is sure to fit in. cogmint_tracker_size() tells how many it takes.
 #[cfg(all(feature = "ranges", target_pointer_width = "64"))]
-pub const COGMINT_TRACKER_SIZE: usize = 51456;
+pub const COGMINT_TRACKER_SIZE: usize = 51968;
 
 /// Alignment of that memory, bytes.
 pub const COGMINT_TRACKER_ALIGN: usize = 8;

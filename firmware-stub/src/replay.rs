@@ -76,7 +76,10 @@ pub fn replay<
     samples: &mut [Complex],
 ) -> Result<(), Fault> {
     let mut feed = Feed::open().ok_or(Fault(b"error no feed\n"))?;
-    let cycles = start(tracker, &mut feed)?;
+    let started = start(tracker, &mut feed);
+    // Where it ran into the tracker, that is why it was refused.
+    stack::check_guard()?;
+    let cycles = started?;
     Line::new().text(b"start stack ").decimal(stack::deepest_from_reset()?).end();
     for cycle in 0..cycles {
         let input = feed.cycle::<ANCHORS, PATHS>(samples).ok_or(Fault(b"error malformed cycle\n"))?;

@@ -13,13 +13,24 @@ const SPREAD: u32 = 0x9e37_79b9;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sealed {
     pub sum: u32,
-    /// Whether all its numbers are finite, and all its lists within their memory.
-    pub is_whole: bool,
+    is_whole: Whole,
+}
+
+/// Whether all numbers are finite, and all lists within their memory. No seal at all is all zeros, as a static tracker has to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Whole {
+    No = 1,
+    Yes = 2,
 }
 
 impl Sealed {
     /// That of nothing.
-    pub const NOTHING: Self = Self { sum: SPREAD, is_whole: true };
+    pub const NOTHING: Self = Self { sum: SPREAD, is_whole: Whole::Yes };
+
+    /// Whether all numbers are finite, and all lists within their memory.
+    pub fn is_whole(self) -> bool {
+        self.is_whole == Whole::Yes
+    }
 }
 
 /// A seal being made.
@@ -88,7 +99,8 @@ impl Sink for Seal {
 pub(crate) fn seal_with(write: impl FnOnce(&mut Seal)) -> Sealed {
     let mut seal = Seal { sum: SPREAD, finite: 0.0, fits: true };
     write(&mut seal);
-    Sealed { sum: seal.sum, is_whole: seal.fits && seal.finite == 0.0 }
+    let is_whole = if seal.fits && seal.finite == 0.0 { Whole::Yes } else { Whole::No };
+    Sealed { sum: seal.sum, is_whole }
 }
 
 /// Seals a state.
@@ -106,13 +118,13 @@ mod tests {
     fn every_bit_that_flips_makes_another_seal() {
         let numbers: [f32; 7] = core::array::from_fn(|index| 1.5 + index as f32);
         let before = seal(&numbers);
-        assert!(before.is_whole);
+        assert!(before.is_whole());
         for bit in 0..7 * 32 {
             let mut flipped = numbers;
             flipped[bit / 32] = f32::from_bits(flipped[bit / 32].to_bits() ^ 1 << (bit % 32));
             let after = seal(&flipped);
             assert_ne!(after.sum, before.sum, "{bit}");
-            assert_eq!(after.is_whole, flipped[bit / 32].is_finite(), "{bit}");
+            assert_eq!(after.is_whole(), flipped[bit / 32].is_finite(), "{bit}");
         }
         let bytes: Vec<u8, 11> = Vec::from_slice(&[3; 11]).unwrap();
         let before = seal(&bytes);
@@ -125,9 +137,9 @@ mod tests {
 
     #[test]
     fn what_is_not_finite_and_what_is_too_long_is_not_whole() {
-        assert!(!seal(&[1.0, f32::NAN]).is_whole);
-        assert!(!seal(&[f32::NEG_INFINITY, 1.0]).is_whole);
-        assert!(seal(&[f32::MAX, -f32::MAX]).is_whole);
+        assert!(!seal(&[1.0, f32::NAN]).is_whole());
+        assert!(!seal(&[f32::NEG_INFINITY, 1.0]).is_whole());
+        assert!(seal(&[f32::MAX, -f32::MAX]).is_whole());
         let mut own = Seal { sum: 0, finite: 0.0, fits: true };
         assert!(own.list(4, 4) && own.fits);
         assert!(!own.list(5, 4) && !own.fits);

@@ -173,7 +173,7 @@ impl<
             }
             integrity.flipped.add(part);
             // The estimator can be made anew with no loss.
-            if part == Part::Estimator || !own.is_whole || !self.is_sound(part) {
+            if part == Part::Estimator || !own.is_whole() || !self.is_sound(part) {
                 integrity.reset.add(part);
             }
         }
@@ -208,7 +208,7 @@ impl<
             }
             let own = self.seal_of(part);
             *place = Some(own);
-            if !own.is_whole || !self.is_sound(part) {
+            if !own.is_whole() || !self.is_sound(part) {
                 integrity.reset.add(part);
             }
         }

@@ -16,8 +16,8 @@ use nalgebra::{Matrix4, Vector4};
 /// Seals of a belief, by its pieces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BeliefSeals<const COMPONENTS: usize> {
-    common: Sealed,
-    trusted: Sealed,
+    common: Option<Sealed>,
+    trusted: Option<Sealed>,
     /// Of those that were sealed.
     components: [Option<Sealed>; COMPONENTS],
 }
@@ -29,8 +29,7 @@ impl<const COMPONENTS: usize> BeliefSeals<COMPONENTS> {
     }
 
     /// Of a belief that was not sealed yet.
-    pub(crate) const NONE: Self =
-        Self { common: Sealed::NOTHING, trusted: Sealed::NOTHING, components: [None; COMPONENTS] };
+    pub(crate) const NONE: Self = Self { common: None, trusted: None, components: [None; COMPONENTS] };
 }
 
 /// The pieces of a belief that are broken.
@@ -68,7 +67,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
                 *sealed = Some(seal(component));
             }
         }
-        BeliefSeals { common, trusted: seal(&self.trusted), components }
+        BeliefSeals { common: Some(common), trusted: Some(seal(&self.trusted)), components }
     }
 
     /// What is broken: where the seals are not the `last` ones, if there are any; otherwise where numbers are not finite, or not what
@@ -93,18 +92,18 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             }
             return broken;
         }
-        broken.common = !seals.common.is_whole
+        broken.common = !seals.common.is_some_and(Sealed::is_whole)
             || self.leader >= self.components.len()
             || !is_probability(self.summary.probability)
             || !is_probability(self.explained)
             || !is_weight(self.anywhere_nat)
             || !self.outages.is_sound();
-        broken.trusted = !seals.trusted.is_whole || !is_sound(&self.trusted);
+        broken.trusted = !seals.trusted.is_some_and(Sealed::is_whole) || !is_sound(&self.trusted);
         for (broken, (own, component)) in
             broken.components.iter_mut().zip(seals.components.iter().zip(&self.components))
         {
             let Some(own) = own else { continue };
-            *broken = !own.is_whole
+            *broken = !own.is_whole()
                 || !is_weight(component.weight_nat)
                 || !component.outages.is_sound()
                 || !is_sound(&component.filter);
