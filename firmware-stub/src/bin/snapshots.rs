@@ -5,10 +5,10 @@
 #![no_std]
 #![no_main]
 
+use cogmint_board::Once;
 use cogmint_board::feed::Feed;
 use cogmint_board::host::{self, Fault, File, Line};
 use cogmint_board::replay::start;
-use cogmint_board::Once;
 use cogmint_core::Tracker;
 use cogmint_core::model::observation::Complex;
 use core::cell::UnsafeCell;
@@ -31,11 +31,7 @@ fn main() -> ! {
     host::end(run(tracker, samples, bytes))
 }
 
-fn run(
-    tracker: &mut BoardTracker,
-    samples: &mut [Complex],
-    bytes: &mut [u8],
-) -> Result<(), Fault> {
+fn run(tracker: &mut BoardTracker, samples: &mut [Complex], bytes: &mut [u8]) -> Result<(), Fault> {
     let mut feed = Feed::open().ok_or(Fault::FEED)?;
     let cycles = start(tracker, &mut feed)?;
     let cut = cycles / 2;
