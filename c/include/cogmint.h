@@ -20,7 +20,7 @@
 /**
  * Bytes of cogmint_report.
  */
-#define COGMINT_REPORT_SIZE 120
+#define COGMINT_REPORT_SIZE 128
 
 #if !defined(COGMINT_RANGES)
 /**
@@ -310,6 +310,10 @@ enum cogmint_error
    * Something else that is refused.
    */
   COGMINT_ERROR_REFUSED = 58,
+  /**
+   * A bit has flipped in what the tracker was told: start it anew.
+   */
+  COGMINT_ERROR_TOLD_CHANGED = 59,
   /**
    * The buffer is too short for the snapshot; the bytes needed were written to `length`.
    */
@@ -1020,6 +1024,14 @@ typedef struct cogmint_report {
    * The next action.
    */
   struct cogmint_action next;
+  /**
+   * Parts of the state in which a bit has flipped, one bit each; 0 where all is as it was.
+   */
+  uint32_t flipped;
+  /**
+   * Parts that were reset because of that.
+   */
+  uint32_t reset;
 } cogmint_report;
 
 /**

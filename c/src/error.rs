@@ -78,6 +78,8 @@ pub enum CogmintError {
     LeverArm = 57,
     /// Something else that is refused.
     Refused = 58,
+    /// A bit has flipped in what the tracker was told: start it anew.
+    ToldChanged = 59,
 
     /// The buffer is too short for the snapshot; the bytes needed were written to `length`.
     SnapshotRoom = 70,
@@ -164,7 +166,7 @@ pub enum CogmintError {
 
 impl CogmintError {
     /// All of them.
-    const ALL: [Self; 72] = [
+    const ALL: [Self; 73] = [
         Self::None,
         Self::NullPointer,
         Self::Alignment,
@@ -198,6 +200,7 @@ impl CogmintError {
         Self::TagHeight,
         Self::LeverArm,
         Self::Refused,
+        Self::ToldChanged,
         Self::SnapshotRoom,
         Self::SnapshotForeign,
         Self::SnapshotVersion,
@@ -275,6 +278,7 @@ impl CogmintError {
             Self::TagHeight => c"the tag's height or its deviation is out of range",
             Self::LeverArm => c"the antenna's lever arm is out of range, or no heading is estimated",
             Self::Refused => c"something else that is refused",
+            Self::ToldChanged => c"a bit has flipped in what the tracker was told",
             Self::SnapshotRoom => c"the buffer is too short for the snapshot; the bytes needed were written to length",
             Self::SnapshotForeign => c"the bytes are no snapshot, or one that is cut short",
             Self::SnapshotVersion => c"a snapshot of another version of its format",
@@ -361,6 +365,7 @@ impl From<Error> for CogmintError {
             Error::TagHeight => Self::TagHeight,
             Error::LeverArm => Self::LeverArm,
             Error::ToldSinr => Self::Refused,
+            Error::ToldChanged => Self::ToldChanged,
             // What a later core adds.
             #[allow(unreachable_patterns)]
             _ => Self::Refused,

@@ -35,7 +35,7 @@ use surroundings::{filled, with};
 use tracker::Tracker;
 
 /// Bytes of cogmint_report.
-pub const COGMINT_REPORT_SIZE: usize = 120;
+pub const COGMINT_REPORT_SIZE: usize = 128;
 const _: () = assert!(size_of::<CogmintReport>() == COGMINT_REPORT_SIZE);
 
 /// A tracker, in the memory that cogmint_start was given.
@@ -145,6 +145,10 @@ pub struct CogmintReport {
     pub announced_action: u32,
     /// The next action.
     pub next: CogmintAction,
+    /// Parts of the state in which a bit has flipped, one bit each; 0 where all is as it was.
+    pub flipped: u32,
+    /// Parts that were reset because of that.
+    pub reset: u32,
 }
 
 impl CogmintReport {
@@ -177,6 +181,8 @@ impl CogmintReport {
                 carrier_hz: report.next.carrier_hz,
                 pulse_duration_s: report.next.pulse_duration_s,
             },
+            flipped: u32::from(report.integrity.flipped.bits()),
+            reset: u32::from(report.integrity.reset.bits()),
         }
     }
 }

@@ -118,6 +118,14 @@ impl<T: Clone, const N: usize> Slots<T, N> {
         self.0.clear();
         while self.0.push(None).is_ok() {}
     }
+
+    /// As many places as there is memory for: free ones where some are missing, all free where there were more.
+    fn mend(&mut self) {
+        if self.0.len() > N {
+            self.0.clear();
+        }
+        while self.0.push(None).is_ok() {}
+    }
 }
 
 impl<T, const N: usize> core::ops::Deref for Slots<T, N> {
@@ -136,13 +144,13 @@ impl<T, const N: usize> core::ops::DerefMut for Slots<T, N> {
 
 impl<T: Written, const N: usize> Written for Slots<T, N> {
     fn write(&self, to: &mut impl Sink) {
-        self.iter().for_each(|place| place.write(to));
+        self.0.write(to);
     }
 }
 
 impl<T: Blank, const N: usize> Stored for Slots<T, N> {
     fn read(&mut self, from: &mut Reader<'_>) -> Result<(), SnapshotError> {
-        self.iter_mut().try_for_each(|place| place.read(from))
+        self.0.read(from)
     }
 }
 
@@ -527,6 +535,8 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         let agrees =
             |(slot, surface): (usize, &Option<SurfaceRecord>)| surface.is_some() == has_surface(slot);
         self.surfaces.iter().enumerate().all(agrees)
+            && self.sources.len() == SOURCES
+            && self.surfaces.len() == SURFACES
             && self.surfaces.iter().flatten().all(|surface| is_probability(surface.existence))
             && self.sources.iter().flatten().all(|record| self.is_seen(record, anchors))
     }
@@ -535,9 +545,11 @@ impl<const SURFACES: usize, const SOURCES: usize> EnvironmentMemory<SURFACES, SO
         record.anchor < anchors && record.sequence.surfaces().all(|slot| self.surface(slot).is_some())
     }
 
-    /// Takes out what is not sound: sources of no anchor or no surface, surfaces that the state filter has not, or that no source is
-    /// seen in; a surface whose existence is no probability exists as one that was told.
+    /// Takes out what is not sound: sources of no anchor or no surface, surfaces that the state filter has not, with the last
+    /// source those that it was seen in; a surface whose existence is no probability exists as one that was told.
     pub(crate) fn mend(&mut self, anchors: usize, has_surface: impl Fn(usize) -> bool) {
+        self.sources.mend();
+        self.surfaces.mend();
         for (slot, place) in self.surfaces.iter_mut().enumerate() {
             if !has_surface(slot) {
                 *place = None;

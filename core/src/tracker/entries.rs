@@ -193,10 +193,13 @@ impl<
     /// is known exactly). Without, it is that of the configuration ([`Ranging::bias_mean_m`](crate::model::measurement::Ranging)).
     ///
     /// # Errors
-    /// There is no such anchor, or a value is out of range; [`Error::AlreadyBegun`] once there was a cycle. Nothing has changed then.
+    /// There is no such anchor, or a value is out of range; [`Error::AlreadyBegun`] once there was a cycle; [`Error::NotStarted`],
+    /// [`Error::ToldChanged`]. Nothing has changed then.
     pub fn tell_range_bias(&mut self, anchor: usize, mean_m: f32, std_m: f32) -> Result<(), Error> {
-        if self.cycle > 0 || self.phase == Phase::Begun {
-            return Err(Error::AlreadyBegun);
+        match self.phase {
+            Phase::Empty => return Err(Error::NotStarted),
+            Phase::Between if self.cycle == 0 => self.check_told()?,
+            Phase::Between | Phase::Begun => return Err(Error::AlreadyBegun),
         }
         if anchor >= self.anchors.len() {
             return Err(Error::UnknownAnchor { anchor });
@@ -285,9 +288,7 @@ impl<
     /// Bad input, [`Error::AlreadyBegun`] or [`Error::NotStarted`]; nothing has changed then.
     pub fn begin(&mut self, elapsed_s: f32, tag_height: Option<TagHeight>) -> Result<(), Error> {
         let begun = self.check_begin(elapsed_s, tag_height)?;
-        if !self.is_told_intact() {
-            return Err(Error::ToldChanged);
-        }
+        self.check_told()?;
         self.begun = Begun { integrity: self.check_seals(), ..begun };
         self.phase = Phase::Begun;
         self.receiver.advance(elapsed_s);

@@ -12,6 +12,7 @@
 
 use super::Tracker;
 use super::start::told_filter;
+use crate::error::Error;
 use crate::memory::environment::{Origin, TOLD};
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
@@ -86,8 +87,8 @@ impl<
     }
 
     /// Whether what was told is what it was.
-    pub(super) fn is_told_intact(&self) -> bool {
-        UNSWEPT || self.seals.told == self.seal_told()
+    pub(super) fn check_told(&self) -> Result<(), Error> {
+        if UNSWEPT || self.seals.told == self.seal_told() { Ok(()) } else { Err(Error::ToldChanged) }
     }
 
     /// Seals a part other than the belief.

@@ -8,7 +8,6 @@
 //! The layout is that of [`crate::snapshot`], with `COGM` in front, a version of its own, and that digest.
 
 use super::Tracker;
-use super::integrity::Seals;
 use crate::memory::environment::{Origin, Record, SurfaceRecord};
 use crate::model::image::Sequence;
 use crate::model::surface::{Line, Surface};
@@ -243,7 +242,7 @@ impl<
             }
         });
         transmission.restore(&mut from)?;
-        self.seals = Seals::of_told(self.seal_told());
+        self.seals = self.seals.opened();
         Ok(restored)
     }
 

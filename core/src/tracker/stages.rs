@@ -204,6 +204,7 @@ pub(super) fn hear<
     for component in belief.components_mut() {
         let known = Known { filter: &component.filter, environment, channel, plan, walls };
         if known.expect(told, scan, &mut outcome.expected).is_none() {
+            is_kept = false;
             continue;
         }
         outcome.expected.delay(*lateness);

@@ -25,7 +25,7 @@ use super::noise::white_level;
 use super::{Pulse, detection_threshold};
 use crate::model::observation::{Complex, Samples};
 use crate::radio::pulse::PulseTable;
-use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, smaller, sqrt};
+use crate::real::{SPEED_OF_LIGHT_M_S, larger, limited, sin, sqrt};
 
 /// Guard: against the radio's own floor: the noise ahead is taken from this many times as much before the search, so many
 /// times more often has that floor had the chance to be as loud there as where it is mistaken for a path.
@@ -38,6 +38,8 @@ const OVER_LOUDEST: f32 = 4.0;
 const SIDE_LOBE_MARGIN: f32 = 1.414;
 /// Mathematics: half.
 const HALF: f32 = 0.5;
+/// Guard: against an edge among the pulse's own side lobes: least share of the maximum that it is taken at.
+const LEAST_EDGE: f32 = 0.05;
 /// Mathematics: positions per sample, at each of which the band limit has weights of its own.
 const PHASES: usize = 8;
 
@@ -133,7 +135,7 @@ impl FirstPathDetector {
                 && here > after
                 && !self.is_side_lobe(samples, step as f32 / PHASES as f32, here - sqrt(noise));
             // Where there is no rise, the frame began too late to show it.
-            let edge = if is_magnitude { smaller(HALF, sqrt(threshold) / here) } else { HALF };
+            let edge = if is_magnitude { limited(sqrt(threshold) / here, LEAST_EDGE, HALF) } else { HALF };
             let rise = if is_path { rise_to(edge, magnitude, from, step) } else { None };
             if let Some(Rise { position, slope }) = rise {
                 let deviation_s = self.sample_spacing_s / slope;

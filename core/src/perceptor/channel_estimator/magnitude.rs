@@ -186,6 +186,9 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         let mut floor = SCALLOPING * (midway * midway) * self.threshold;
         let mut best: Option<Peak> = None;
         for (n, window) in (1..).zip(self.samples.windows(3)) {
+            if self.work.is_used_up() {
+                break;
+            }
             let &[before, here, after] = window else { continue };
             if here < before || here <= after || self.peaks.iter().any(|peak| self.is_near(peak, n as f32)) {
                 continue;

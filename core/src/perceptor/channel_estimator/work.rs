@@ -1,8 +1,8 @@
 //! What a frame costs: counted while it is estimated, about in instructions of a Cortex-M4F, and bounded.
 //!
-//! Where a frame has cost [`MOST_WORK`], nothing is moved or added any more: what is in hand is ended, the level is refined once if it
-//! was not, and the paths found so far are the estimate. Counted is what grows with samples and paths; what each frame costs once is
-//! not.
+//! Where a frame has cost [`MOST_WORK`], nothing is moved or added any more: what is in hand is ended (one pass of moves, one agreement of
+//! all paths, one look at a maximum), the level is refined once if it was not, and the paths found so far are the estimate. Counted is
+//! what grows with samples and paths; what each frame costs once is not.
 
 /// Capacity: work on a frame after which nothing more is begun. Less: the weakest of many paths are missed in crowded frames. More: a
 /// longer cycle.

@@ -83,8 +83,7 @@ pub(super) fn estimate<T: Real>(
         if work >= MOST_WORK {
             break;
         }
-        let (peak, cost) = strongest_peak(estimator, samples, &noise, &peaks, kappa);
-        work += cost;
+        let peak = strongest_peak(estimator, samples, &noise, &peaks, kappa, &mut work);
         let Some(peak) = peak else { break };
         if peaks.len() == estimator.most_paths {
             break;
@@ -120,14 +119,17 @@ fn strongest_peak<T: Real>(
     noise: &NoiseLevel<T>,
     peaks: &[Peak<T>],
     kappa: T,
-) -> (Option<Peak<T>>, u32) {
+    work: &mut u32,
+) -> Option<Peak<T>> {
     let num = T::of;
-    let mut cost = 0;
     let beside = |[once, each]: [u32; 2]| once + each * peaks.len() as u32;
     let share = num(SCALLOPING) * square(estimator.table.at(num(0.5)));
     let mut floor = share * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
+        if *work >= MOST_WORK {
+            break;
+        }
         let at = T::of_count(n);
         let is_maximum = !(samples[n] < samples[n - 1] || samples[n] <= samples[n + 1]);
         let own_samples = num(OWN_PULSES) * estimator.table.samples_per_pulse();
@@ -135,12 +137,12 @@ fn strongest_peak<T: Real>(
         if !is_maximum || peaks.iter().any(near) {
             continue;
         }
-        cost += beside(MAXIMUM);
+        *work += beside(MAXIMUM);
         let energy = square(unexplained(estimator, peaks, None, at, samples[n]));
         if energy <= floor * noise.white || energy <= floor * noise.at(at, estimator.sample_spacing_s) {
             continue;
         }
-        cost += beside(FIT);
+        *work += beside(FIT);
         let Some(peak) = fit(estimator, samples, noise, peaks, None, n) else { continue };
         // Order: the first of equals.
         if peak.gain > kappa && best.is_none_or(|best| peak.gain > best.gain) {
@@ -148,7 +150,7 @@ fn strongest_peak<T: Real>(
             best = Some(peak);
         }
     }
-    (best, cost)
+    best
 }
 
 /// A magnitude less what all peaks but one may have added.
