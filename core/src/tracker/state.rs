@@ -48,7 +48,9 @@ impl<
     /// There is no such anchor or action, or nothing that was allowed is left, or not the rendezvous; [`Error::ToldChanged`]. Nothing has
     /// changed then.
     pub fn restrict(&mut self, anchor: usize, actions: &[usize]) -> Result<(), Error> {
-        self.check_told()?;
+        if self.phase != Phase::Empty {
+            self.check_told()?;
+        }
         self.controllers.restrict(anchor, actions, &self.library)?;
         self.seals = Seals::of_told(self.seal_told());
         Ok(())
