@@ -172,5 +172,5 @@ int main(void) {
     fprintf(stderr, "more than %.2f m off\n", LARGEST_RMSE_M);
     return 1;
   }
-  return refusals(other, &config, places);
+  return refusals(tracker, &config, places);
 }
