@@ -297,16 +297,48 @@ impl Setup {
         self.build()
     }
 
+    /// Starts a tracker of any size.
+    ///
+    /// # Errors
+    /// What the core refuses.
+    pub fn start<
+        const ANCHORS: usize,
+        const SURFACES: usize,
+        const SOURCES: usize,
+        const SEGMENTS: usize,
+        const PATHS: usize,
+        const ACTIONS: usize,
+        const COMPONENTS: usize,
+        const POINTS: usize,
+        const CANDIDATES: usize,
+    >(
+        &self,
+        tracker: &mut Tracker<
+            ANCHORS,
+            SURFACES,
+            SOURCES,
+            SEGMENTS,
+            PATHS,
+            ACTIONS,
+            COMPONENTS,
+            POINTS,
+            CANDIDATES,
+        >,
+    ) -> Result<(), Error> {
+        tracker.start(&self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;
+        for (anchor, [mean_m, std_m]) in self.range_biases_m.iter().enumerate() {
+            tracker.tell_range_bias(anchor, *mean_m, *std_m)?;
+        }
+        Ok(())
+    }
+
     /// Starts a tracker that was made where the stack has room for it.
     fn build<const A: usize, const S: usize, const C: usize, const P: usize>(
         &self,
     ) -> Result<Box<AnyTracker<A, S, C, P>>, Error> {
         let build = || {
             let mut tracker = Box::new(Tracker::new());
-            tracker.start(&self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;
-            for (anchor, [mean_m, std_m]) in self.range_biases_m.iter().enumerate() {
-                tracker.tell_range_bias(anchor, *mean_m, *std_m)?;
-            }
+            self.start(&mut tracker)?;
             Ok(tracker)
         };
         std::thread::scope(|scope| {

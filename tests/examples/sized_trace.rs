@@ -16,10 +16,7 @@ macro_rules! sized {
     ($setup:expr, $recording:expr, $($size:literal),*) => {{
         let setup: &Setup = $setup;
         let mut tracker = Box::new(Tracker::<$($size),*>::new());
-        tracker.start(&setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed)?;
-        for (anchor, [mean_m, std_m]) in setup.range_biases_m.iter().enumerate() {
-            tracker.tell_range_bias(anchor, *mean_m, *std_m)?;
-        }
+        setup.start(&mut tracker)?;
         for (cycle, input) in inputs($recording).enumerate() {
             tracker.switch_antenna(input.arm_m(&setup.config))?;
             tracker.cycle(&input.observations(), input.elapsed_s, input.tag_height)?;

@@ -17,10 +17,7 @@ type BoardTracker = Tracker<2, 8, 24, 32, 16, 40, 8, 800, 6>;
 
 fn started(setup: &Setup) -> Result<Box<BoardTracker>, cogmint_core::Error> {
     let mut tracker = Box::new(BoardTracker::new());
-    tracker.start(&setup.config, &setup.anchors, &setup.told(), &setup.actions, setup.seed)?;
-    for (anchor, [mean_m, std_m]) in setup.range_biases_m.iter().enumerate() {
-        tracker.tell_range_bias(anchor, *mean_m, *std_m)?;
-    }
+    setup.start(&mut tracker)?;
     Ok(tracker)
 }
 

@@ -168,8 +168,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         self.reach_m = reach_m;
     }
 
-    /// Whether finite numbers are what they may be: what it was told is that, variances are neither negative nor beyond their limits,
-    /// and no covariance is far beyond what its variances allow.
+    /// Whether finite numbers are what they may be: what it was told is that, no variance is negative, and no covariance is far beyond what its variances allow.
     pub(crate) fn is_sound(
         &self,
         motion: &Motion,

@@ -131,7 +131,7 @@ impl<
     /// outlives other settings, actions and sizes: see [`Self::restore_map`].
     ///
     /// # Errors
-    /// [`SnapshotError::Begun`]; [`SnapshotError::Room`], and nothing is written then.
+    /// [`SnapshotError::Begun`], [`SnapshotError::NotStarted`]; [`SnapshotError::Room`], and nothing is written then.
     pub fn map_snapshot(&self, buffer: &mut [u8]) -> Result<usize, SnapshotError> {
         self.check_between()?;
         snapshot::write(&MAP, self.map_digest(), &MapWriter { tracker: self }, buffer)

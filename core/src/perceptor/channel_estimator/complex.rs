@@ -21,7 +21,7 @@ use super::gram::Symmetric;
 use super::noise::{
     COMPLEX_CUT, Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level,
 };
-use super::work::{MOVE, Pass, Work};
+use super::work::{LEVEL, MOVE, SEARCH, Work};
 use super::{ChannelEstimate, ChannelEstimator, LEAST_SINR, Path, SPARE_ROUNDS};
 use crate::model::observation::Complex;
 use crate::real::{abs, larger, smaller};
@@ -195,7 +195,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
 
     /// One pass over the residual refines the levels of white noise and dense multipath.
     fn fit_noise(&mut self) {
-        self.work.add_pass(Pass::Level, self.samples.len(), self.reached());
+        self.work.add_pass(LEVEL, self.samples.len(), self.reached());
         let table = &self.estimator.table;
         let skip = SKIP_PULSES * table.samples_per_pulse();
         let strong = self.estimator.settings.strong_sinr;
@@ -294,7 +294,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
 
     /// The path with the largest gain above kappa.
     fn strongest(&mut self) -> Option<Component> {
-        self.work.add_pass(Pass::Search, self.samples.len(), self.reached());
+        self.work.add_pass(SEARCH, self.samples.len(), self.reached());
         let table = &self.estimator.table;
         let mut best = (None, SCALLOPING * self.threshold);
         let mut walk = LevelWalk::new(self.noise, &self.steps);

@@ -135,9 +135,10 @@ impl FirstPathDetector {
                 && here > after
                 && !self.is_side_lobe(samples, step as f32 / PHASES as f32, here - sqrt(noise));
             // Where there is no rise, the frame began too late to show it.
-            let edge = if is_magnitude { limited(sqrt(threshold) / here, LEAST_EDGE, HALF) } else { HALF };
-            let rise = if is_path { rise_to(edge, magnitude, from, step) } else { None };
-            if let Some(Rise { position, slope }) = rise {
+            let edge = || if is_magnitude { limited(sqrt(threshold) / here, LEAST_EDGE, HALF) } else { HALF };
+            let edge = is_path.then(edge);
+            let rise = edge.and_then(|edge| Some((edge, rise_to(edge, magnitude, from, step)?)));
+            if let Some((edge, Rise { position, slope })) = rise {
                 let deviation_s = self.sample_spacing_s / slope;
                 return Some(FirstPath {
                     delay_s: first_sample_delay_s + (position + self.rise_from(edge)) * self.sample_spacing_s,

@@ -20,7 +20,7 @@ use super::beginning::{Beginning, Tail};
 use super::noise::{
     Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level,
 };
-use super::work::{FIT, MAXIMUM, Pass, Work};
+use super::work::{FIT, LEVEL, MAXIMUM, Work};
 use super::{ChannelEstimate, ChannelEstimator, Path, SPARE_ROUNDS};
 use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
@@ -140,7 +140,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         let (estimator, peaks, samples, cells) = (self.estimator, &self.peaks, self.samples, &self.cells);
         let support = estimator.table.support_samples();
         let reached = peaks.len() * ((2.0 * support) as usize).min(samples.len());
-        self.work.add_pass(Pass::Level, samples.len(), reached);
+        self.work.add_pass(LEVEL, samples.len(), reached);
         self.noise.refine(steps, &MAGNITUDE_CUT, floor, |Cell { node, from, to }, cut| {
             // Those whose pulses end before the cell, or begin after it, explain nothing there.
             let mut reaching: Vec<&Peak, PATHS> = Vec::new();

@@ -225,11 +225,9 @@ impl NoiseLevel {
             let mut next = node * self.node_samples;
             for _ in 0..steps.node_cells {
                 let level = self.white + (decaying * decay - ONSET * (rising * rise));
-                let sample = next.saturating_sub(steps.lead).min(steps.samples);
+                let (from, to) = steps.cell_at(next);
                 next += steps.cell_samples;
-                let end = next.saturating_sub(steps.lead).min(steps.samples);
-                let CutPowers { sum, count } =
-                    powers(Cell { node, from: sample, to: end }, by.levels * level);
+                let CutPowers { sum, count } = powers(Cell { node, from, to }, by.levels * level);
                 let inverse = 1.0 / level;
                 let v = count * inverse;
                 // In this order neither underflows.
@@ -283,7 +281,7 @@ impl CellPowers {
         if steps.node_cells == 1 {
             let cells = powers.sums.iter_mut().zip(&mut powers.largest).enumerate();
             for (cell, (sum, largest)) in cells.take(steps.nodes) {
-                let (from, to) = steps.samples_of(cell);
+                let (from, to) = steps.cell_at(cell * steps.cell_samples);
                 *largest = 0.0;
                 for n in from..to {
                     let here = power(n);
@@ -405,9 +403,8 @@ impl LevelSteps {
         self.node_cells * self.cell_samples
     }
 
-    /// The samples, from and to, of the only cell of a node: none where it is ahead of the frame.
-    fn samples_of(&self, node: usize) -> (usize, usize) {
-        let first = node * self.cell_samples;
+    /// The samples, from and to, of the cell that begins so many after the first node: none where it is ahead of the frame.
+    fn cell_at(&self, first: usize) -> (usize, usize) {
         let within = |place: usize| place.saturating_sub(self.lead).min(self.samples);
         (within(first), within(first + self.cell_samples))
     }

@@ -7,10 +7,10 @@
 /// Capacity: work on a frame after which nothing more is begun. Less: the weakest of many paths are missed in crowded frames. More: a
 /// longer cycle.
 pub const MOST_WORK: u32 = 2_000_000;
-/// Mathematics: cost of a sample in a pass of the level's fit, and of one in the search for a path.
-pub const SAMPLE: [u32; 2] = [40, 20];
-/// Mathematics: cost of a sample that a path reaches, beside that, in the same.
-pub const REACHED: [u32; 2] = [25, 120];
+/// Mathematics: cost of a sample in a pass of the level's fit, and what each path that reaches it adds.
+pub const LEVEL: [u32; 2] = [40, 25];
+/// Mathematics: the same in the search for a path.
+pub const SEARCH: [u32; 2] = [20, 120];
 /// Mathematics: cost of moving a delay once, and of each path taken off there.
 pub const MOVE: [u32; 2] = [2000, 180];
 /// Mathematics: cost of inverting, over the third power of the size.
@@ -42,12 +42,9 @@ impl Work {
         self.done = self.done.saturating_add(once + each * paths as u32);
     }
 
-    /// Counts a pass over all samples of a frame, some of which paths reach.
-    pub fn add_pass(&mut self, pass: Pass, samples: usize, reached: usize) {
-        let kind = pass as usize;
-        let cost = |costs: [u32; 2]| costs.get(kind).copied().unwrap_or(0);
-        let cost = cost(SAMPLE) * samples as u32 + cost(REACHED) * reached as u32;
-        self.done = self.done.saturating_add(cost);
+    /// Counts a pass over all samples of a frame, of which paths reach so many, each counted for every path.
+    pub fn add_pass(&mut self, [sample, each]: [u32; 2], samples: usize, reached: usize) {
+        self.done = self.done.saturating_add(sample * samples as u32 + each * reached as u32);
     }
 
     /// Counts the inversion of a matrix of so many rows.
@@ -56,11 +53,57 @@ impl Work {
     }
 }
 
-/// A pass over the samples.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Pass {
-    /// Fits the level.
-    Level = 0,
-    /// Looks for a path.
-    Search = 1,
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::observation::Samples;
+    use crate::perceptor::channel_estimator::{ChannelEstimator, EstimatorSettings};
+    use crate::radio::pulse::Pulse;
+    use rand_core::{Rng, SeedableRng};
+    use std::vec::Vec;
+
+    /// Sixty paths of 10 to 50 dB in 1024 samples cost more than there is; three cost what they cost.
+    #[test]
+    fn a_crowded_frame_ends_where_its_work_does() {
+        const SPACING_S: f32 = 0.25e-9;
+        let pulse = Pulse::root_raised_cosine(0.5e-9, 0.6);
+        let estimator =
+            ChannelEstimator::<16>::new(pulse, SPACING_S, 1024, 0.01, EstimatorSettings::default());
+        let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(3);
+        let mut uniform = || (rng.next_u32() as f32 + 0.5) / 4_294_967_296.0;
+        let mut frame = |paths: usize, within: f32| {
+            let mut samples: Vec<[f32; 2]> =
+                (0..1024).map(|_| [uniform() - 0.5, uniform() - 0.5].map(|x| 2.4 * x)).collect();
+            for _ in 0..paths {
+                let (at, size) = (within * uniform(), 10.0_f32.powf(0.5 + 2.0 * uniform()));
+                let (sin, cos) = (core::f32::consts::TAU * uniform()).sin_cos();
+                for (n, [re, im]) in samples.iter_mut().enumerate() {
+                    let r = size * pulse.autocorrelation((n as f32 - at) * SPACING_S / pulse.duration_s);
+                    *re += r * cos;
+                    *im += r * sin;
+                }
+            }
+            samples
+        };
+        let mut most = [0, 0];
+        // Close together they are moved against each other; far apart each is a maximum of magnitudes.
+        for (paths, within) in [(3, 1000.0), (60, 100.0), (60, 1000.0)] {
+            let crowded = paths > 3;
+            for _ in 0..10 {
+                let complex = frame(paths, within);
+                let magnitudes: Vec<f32> = complex.iter().map(|[re, im]| re.hypot(*im)).collect();
+                for (most, samples) in
+                    most.iter_mut().zip([Samples::Complex(&complex), Samples::Magnitude(&magnitudes)])
+                {
+                    let work = estimator.estimate(samples, 0.0).unwrap().work;
+                    assert!(crowded || work < MOST_WORK, "{work} of a plain frame");
+                    // One pass of moves, the agreement after it, and the level once more.
+                    assert!(work < MOST_WORK + MOST_WORK / 2, "{work}");
+                    *most = work.max(*most);
+                }
+            }
+        }
+        std::println!("most work, complex and magnitudes: {most:?} of {MOST_WORK}");
+        assert!(most.iter().all(|most| *most >= MOST_WORK), "{most:?}: nothing was cut short");
+    }
 }

@@ -23,7 +23,7 @@ use cogmint_core::perceptor::channel_estimator::complex::{
     SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
 };
 use cogmint_core::perceptor::channel_estimator::noise::COMPLEX_CUT;
-use cogmint_core::perceptor::channel_estimator::work::{INVERSE, MOST_WORK, MOVE, REACHED, SAMPLE};
+use cogmint_core::perceptor::channel_estimator::work::{INVERSE, LEVEL, MOST_WORK, MOVE, SEARCH};
 use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
 
 /// A path in the making.
@@ -159,12 +159,12 @@ impl<T: Real> Fit<'_, T> {
         self.settle();
     }
 
-    /// Counts a pass over the samples: 0 fits the level, 1 looks for a path.
-    fn count_pass(&mut self, kind: usize) {
+    /// Counts a pass over the samples, by what it costs at each and at each that a path reaches.
+    fn count_pass(&mut self, [sample, path]: [u32; 2]) {
         let samples = self.samples.len();
         let each = self.estimator.pulse_samples().min(samples);
         let reached = self.components.len() * each;
-        self.work += SAMPLE[kind] * samples as u32 + REACHED[kind] * reached as u32;
+        self.work += sample * samples as u32 + path * reached as u32;
     }
 
     /// A value at `position` less all components but one. Order: component by component.
@@ -194,7 +194,7 @@ impl<T: Real> Fit<'_, T> {
 
     /// Fits the noise to the residual, but for the surroundings of strong paths.
     fn fit_noise(&mut self) {
-        self.count_pass(0);
+        self.count_pass(LEVEL);
         let skip = T::of(SKIP_PULSES) * self.estimator.table.samples_per_pulse();
         let residual = self.residual_powers();
         let mut powers = Vec::new();
@@ -253,7 +253,7 @@ impl<T: Real> Fit<'_, T> {
 
     /// The path of largest gain, if it exceeds kappa.
     fn strongest(&mut self) -> Option<Component<T>> {
-        self.count_pass(1);
+        self.count_pass(SEARCH);
         let num = T::of;
         let spacing = self.estimator.sample_spacing_s;
         let residual = self.residual_powers();

@@ -17,7 +17,7 @@ use cogmint_core::perceptor::channel_estimator::magnitude::{
     EXPLAINED, FIRST_REFINEMENTS, OWN_PULSES, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
 };
 use cogmint_core::perceptor::channel_estimator::noise::MAGNITUDE_CUT;
-use cogmint_core::perceptor::channel_estimator::work::{FIT, MAXIMUM, MOST_WORK, REACHED, SAMPLE};
+use cogmint_core::perceptor::channel_estimator::work::{FIT, LEVEL, MAXIMUM, MOST_WORK};
 
 #[derive(Clone, Copy, Debug)]
 struct Peak<T> {
@@ -56,7 +56,7 @@ pub(super) fn estimate<T: Real>(
     let mut work = 0;
     let level_cost = |peaks: &[Peak<T>]| {
         let reached = peaks.len() * estimator.pulse_samples().min(samples.len());
-        SAMPLE[0] * samples.len() as u32 + REACHED[0] * reached as u32
+        LEVEL[0] * samples.len() as u32 + LEVEL[1] * reached as u32
     };
     for _ in 0..FIRST_REFINEMENTS {
         work += level_cost(&peaks);
