@@ -206,8 +206,8 @@ impl<
         let BeliefSettings { walls_bar_ways: bar, walls_hide_paths: hide, .. } = config.belief;
         let walls = &walls_now(plan, belief.leader(), environment, hide, |wall| transmission.through(wall));
         if is_heard && belief.proposes() {
-            let (trusted, phase) = (belief.trusted(), belief.phase());
-            let places = propose_places(trusted, &told, environment, channel, clutter, plan, scans, phase);
+            let (trusted, turn) = (belief.trusted(), belief.turn());
+            let places = propose_places(trusted, &told, environment, channel, clutter, plan, scans, turn);
             for place in &places {
                 belief.enter(place);
             }

@@ -158,9 +158,11 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
     /// What each of these sources will tell with its action.
     pub fn ahead(&self, sources: impl Iterator<Item = (Visible, usize)>) -> Ahead {
         let mut ahead = [PositionInformation::default(); LONGEST_HORIZON];
+        let mut views = Vec::new();
         for (sight, action) in sources {
+            self.look_ahead(&sight, &mut views);
             let quality = self.quality(&sight, action, self.variances_m2(action));
-            for (sum, view) in ahead.iter_mut().zip(&self.views(&sight)) {
+            for (sum, view) in ahead.iter_mut().zip(&views) {
                 sum.add_weighted(view.slope, quality.weight(view));
             }
         }
@@ -180,8 +182,9 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
             *variances_m2 = self.variances_m2(action);
         }
         let mut information = given.map(|sum| [sum; BATCH]);
+        let mut views = Vec::new();
         for sight in visible {
-            let views = self.views(&sight);
+            self.look_ahead(&sight, &mut views);
             for (place, (&action, &variances_m2)) in batch.iter().zip(&variances_m2).enumerate() {
                 let quality = self.quality(&sight, action, variances_m2);
                 for (sums, view) in information.iter_mut().zip(&views) {
@@ -222,13 +225,13 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
     }
 
     /// How a source will be seen in each of the cycles to the horizon.
-    fn views(&self, sight: &Visible) -> Vec<View, LONGEST_HORIZON> {
+    fn look_ahead(&self, sight: &Visible, views: &mut Vec<View, LONGEST_HORIZON>) {
         let state = self.state;
         let floor_m2 = state.range_floor_m * state.range_floor_m;
         let ([x, y], [vx, vy]) = (state.position_m, state.velocity_m_s);
         let [ax, ay] = sight.position_m;
         let c = &sight.covariance_m2;
-        let mut views = Vec::new();
+        views.clear();
         let (mut x, mut y, mut vx, mut vy) = (x - ax, y - ay, vx, vy);
         for _ in 0..self.horizon.steps.min(LONGEST_HORIZON) {
             (x, y) = (x + self.step.drift_s * vx, y + self.step.drift_s * vy);
@@ -239,7 +242,6 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
             // As many as the horizon is long: the push succeeds.
             let _ = views.push(View { slope, rest_m2: floor_m2 + map_m2 });
         }
-        views
     }
 }
 

@@ -23,6 +23,7 @@ use crate::perceptor::below_threshold::{Reader, missed};
 use crate::perceptor::receiver::{Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
+use crate::real::smaller;
 use crate::report::MapChanges;
 use heapless::Vec;
 
@@ -253,7 +254,7 @@ pub(super) fn propose_places<
     clutter: &ClutterMemory<ANCHORS>,
     plan: &FloorPlan<SEGMENTS>,
     scans: &Scans<ANCHORS, PATHS>,
-    phase: f32,
+    turn: [f32; 2],
 ) -> Vec<Proposal, PROPOSED> {
     let mut sweeps: Vec<Sweep<'_, PATHS>, ANCHORS> = Vec::new();
     let mut landmarks: Vec<Vec<Landmark, SOURCES>, ANCHORS> = Vec::new();
@@ -284,6 +285,7 @@ pub(super) fn propose_places<
             measurements: &scan.measurements,
             height_m: sight.height_m,
             bias,
+            least_m2: scan.measurements.iter().fold(f32::INFINITY, |least, z| smaller(z.variance_m2, least)),
             clutter: clutter.clutter(scan.anchor),
         });
     }
@@ -291,7 +293,7 @@ pub(super) fn propose_places<
         &sweeps,
         |sweep| direct.get(sweep).into_iter().chain(landmarks.get(sweep).into_iter().flatten()).copied(),
         |place_m, std_m| plan.inside(place_m, std_m),
-        phase,
+        turn,
     )
 }
 

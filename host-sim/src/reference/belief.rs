@@ -159,8 +159,8 @@ impl<T: Real> Belief<T> {
     }
 
     /// Where its arcs begin.
-    pub fn phase(&self) -> T {
-        proposal::phase(self.heard)
+    pub fn turn(&self) -> [T; 2] {
+        proposal::turn(self.heard)
     }
 
     /// A cycle of so many scans begins: it has work for this many components.

@@ -227,7 +227,10 @@ impl<'a, T: Real> Reader<'a, T> {
             }
             let away_m = T::of(1.25) * width(own);
             for at_m in [own.regression.range_m - away_m, own.regression.range_m + away_m] {
-                let near = |other: &Expected<T>| abs(other.regression.range_m - at_m) < width(other);
+                let near = |other: &Expected<T>| {
+                    let past_m = abs(other.regression.range_m - at_m) - self.pulse_m;
+                    past_m < T::ZERO || square(past_m) < T::of(4.0) * other.regression.variance_m2()
+                };
                 if at_m < first_m || expected.iter().any(near) {
                     continue;
                 }

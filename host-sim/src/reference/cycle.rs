@@ -259,7 +259,7 @@ impl<T: Real> Reference<T> {
         if is_heard && belief.proposes() {
             let sweep = |scan: &Scan<T>| sweep(&told, &belief.trusted, environment, channel, clutter, scan);
             let sweeps: Vec<_> = scans.iter().map(sweep).collect();
-            for proposal in propose(&sweeps, |place_m, std_m| plan.inside(place_m, std_m), belief.phase()) {
+            for proposal in propose(&sweeps, |place_m, std_m| plan.inside(place_m, std_m), belief.turn()) {
                 belief.enter(&proposal);
             }
         }

@@ -2,11 +2,12 @@
 
 use super::association::{Clutter, Expectation, Measurement, background_per_m};
 use super::lateness::Lateness;
-use super::real::{Real, cos, exp, larger, ln, sin, sqrt, square, tau};
+use super::real::{Real, cos, larger, ln, ln_product, sin, smaller, sqrt, square, tau};
 use cogmint_core::perceptor::belief::PLACE_M;
 pub use cogmint_core::perceptor::belief::proposal::EVERY;
 use cogmint_core::perceptor::belief::proposal::{
-    ACROSS, ARCS, EARLIEST, GATE2, GOLDEN, LEAST_ACROSS_M, LEAST_EVIDENCE, LEAST_INSIDE, PROPOSED, STRONG,
+    ACROSS, ARCS, AREA, EARLIEST, GOLDEN, LEAST_ACROSS_M, LEAST_EVIDENCE, LEAST_INSIDE, PLASTIC, PROPOSED,
+    REACH2, STRONG,
 };
 
 /// A place that the tag may be at.
@@ -50,18 +51,30 @@ pub struct Sweep<T> {
     pub landmarks: Vec<Landmark<T>>,
 }
 
-/// Where the arcs of a cycle begin, as a share of an arc.
-pub fn phase<T: Real>(cycle: u32) -> T {
-    let turns = T::of_count((cycle % 1024) as usize) * T::of(GOLDEN);
-    turns - T::of_count(turns.whole() as usize)
+/// Where the arcs of a cycle begin, as a share of an arc, and whose turn it is, as a share of all scans.
+pub fn turn<T: Real>(cycle: u32) -> [T; 2] {
+    [GOLDEN, PLASTIC].map(|ratio| {
+        let turns = T::of_count((cycle % 1024) as usize) * T::of(ratio);
+        turns - T::of_count(turns.whole() as usize)
+    })
 }
 
 /// The best places.
-pub fn propose<T: Real>(sweeps: &[Sweep<T>], inside: impl Fn([T; 2], T) -> T, phase: T) -> Vec<Proposal<T>> {
+pub fn propose<T: Real>(
+    sweeps: &[Sweep<T>],
+    inside: impl Fn([T; 2], T) -> T,
+    [phase, turn]: [T; 2],
+) -> Vec<Proposal<T>> {
     let num = T::of;
     let mut best: Vec<Proposal<T>> = Vec::new();
     let arcs = T::of_count(ARCS);
-    for sweep in sweeps {
+    // In turn: from one scan on, the first that proposes any place.
+    let first = (turn * T::of_count(sweeps.len())).whole() as usize;
+    let order = (0..sweeps.len()).map(|n| (first + n) % sweeps.len());
+    for sweep in order.map(|n| &sweeps[n]) {
+        if !best.is_empty() {
+            break;
+        }
         let mut early: Vec<T> = sweep
             .measurements
             .iter()
@@ -113,8 +126,12 @@ impl<T: Real> Sweep<T> {
     fn evidence_nat(&self, place_m: [T; 2], place_m2: T) -> T {
         let num = T::of;
         let count = self.measurements.len();
+        // All count as having the least variance among them.
+        let variances = self.measurements.iter().map(|z| z.variance_m2);
+        let least_m2 = variances.fold(num(f32::INFINITY), |least, variance| smaller(variance, least));
         let mut left = vec![T::ONE; count];
-        let mut evidence_nat = T::ZERO;
+        let mut factors = Vec::new();
+        let mut unexplained_nat = T::ZERO;
         let mut background = Vec::new();
         let mut direct_m = T::ZERO;
         for (index, landmark) in self.landmarks.iter().enumerate() {
@@ -135,36 +152,35 @@ impl<T: Real> Sweep<T> {
                 };
                 background =
                     background_per_m(&direct, &self.measurements, &vec![T::ONE; count], &self.clutter);
-                let mut unexplained_nat = T::ZERO;
-                for per_m in &background {
-                    unexplained_nat += ln(*per_m / self.clutter.all_per_m);
-                }
-                evidence_nat += unexplained_nat;
+                unexplained_nat =
+                    ln_product(background.iter().map(|per_m| *per_m / self.clutter.all_per_m));
                 direct_m = range_m;
             }
             if range_m < direct_m - num(PLACE_M) {
                 continue;
             }
+            let variance = variance_m2 + least_m2;
+            let reach_m2 = num(REACH2) * variance;
+            let most_per_m = landmark.detection / (num(AREA) * sqrt(variance));
             let mut terms = vec![T::ZERO; count];
             let mut sum = T::ZERO;
             for (m, z) in self.measurements.iter().enumerate() {
-                let variance = variance_m2 + z.variance_m2;
                 let squared = square(z.range_m - range_m);
-                if squared < num(GATE2) * variance {
-                    let density = exp(num(-0.5) * (squared / variance));
-                    terms[m] = landmark.detection * left[m] * density
-                        / (sqrt(tau::<T>() * variance) * background[m]);
+                if squared < reach_m2 {
+                    // Order: the sixth power as the product of three squares.
+                    let shape = square(T::ONE - squared / reach_m2);
+                    terms[m] = most_per_m * left[m] * (shape * shape * shape) / background[m];
                     sum += terms[m];
                 }
             }
             let evidence = T::ONE - landmark.detection + sum;
-            evidence_nat += ln(evidence);
+            factors.push(evidence);
             if sum > num(LEAST_EVIDENCE) * evidence {
                 for (left, term) in left.iter_mut().zip(terms) {
                     *left *= larger(T::ONE - term / evidence, T::ZERO);
                 }
             }
         }
-        evidence_nat
+        unexplained_nat + ln_product(factors)
     }
 }

@@ -1,7 +1,7 @@
 //! The number type.
 //!
 //! Transcendental functions and square roots come from `libm` for both types, so the `f32` reference meets the very
-//! functions of the core. Everything else is IEEE `+ - * /`. The three comparisons [`larger`], [`smaller`] and
+//! functions of the core, whose own sine and cosine it takes. Everything else is IEEE `+ - * /`. The three comparisons [`larger`], [`smaller`] and
 //! [`limited`] say which operand wins on equality and on NaN, which decides signs of zero.
 
 use std::fmt::Debug;
@@ -58,7 +58,7 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($type:ty, $sqrt:ident, $exp:ident, $expm1:ident, $erfc:ident, $ln:ident, $sin:ident, $cos:ident, $floor:ident, $abs:ident) => {
+    ($type:ty, $sqrt:ident, $exp:ident, $expm1:ident, $erfc:ident, $ln:ident, $sin:path, $cos:path, $floor:ident, $abs:ident) => {
         impl Real for $type {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -91,10 +91,10 @@ macro_rules! real {
                 libm::$ln(self)
             }
             fn sine(self) -> Self {
-                libm::$sin(self)
+                $sin(self)
             }
             fn cosine(self) -> Self {
-                libm::$cos(self)
+                $cos(self)
             }
             fn rounded_down(self) -> Self {
                 libm::$floor(self)
@@ -106,8 +106,19 @@ macro_rules! real {
     };
 }
 
-real!(f32, sqrtf, expf, expm1f, erfcf, logf, sinf, cosf, floorf, fabsf);
-real!(f64, sqrt, exp, expm1, erfc, log, sin, cos, floor, fabs);
+real!(
+    f32,
+    sqrtf,
+    expf,
+    expm1f,
+    erfcf,
+    logf,
+    cogmint_core::real::sin,
+    cogmint_core::real::cos,
+    floorf,
+    fabsf
+);
+real!(f64, sqrt, exp, expm1, erfc, log, libm::sin, libm::cos, floor, fabs);
 
 /// Square root.
 pub fn sqrt<T: Real>(x: T) -> T {
@@ -132,6 +143,21 @@ pub fn erfc<T: Real>(x: T) -> T {
 /// Natural logarithm.
 pub fn ln<T: Real>(x: T) -> T {
     x.logarithm()
+}
+
+/// ln of a product. Order: a logarithm is taken wherever the product has left 1e-12 to 1e12, and of the rest at last.
+pub fn ln_product<T: Real>(factors: impl IntoIterator<Item = T>) -> T {
+    let (least, most) = (T::of(1e-12), T::of(1e12));
+    let (mut product, mut sum) = (T::ONE, T::ZERO);
+    for factor in factors {
+        product *= factor;
+        let is_inside = product >= least && product <= most;
+        if !is_inside {
+            sum += ln(product);
+            product = T::ONE;
+        }
+    }
+    sum + ln(product)
 }
 
 /// Sine of an angle in radians.

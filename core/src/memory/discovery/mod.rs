@@ -144,14 +144,12 @@ impl<const PATHS: usize, const CANDIDATES: usize> Claims<PATHS, CANDIDATES> {
 
     /// By how much candidates make each measurement more probable than clutter alone.
     pub fn totals(&self) -> [f32; PATHS] {
-        let mut nu: Vec<[f32; PATHS], CANDIDATES> = Vec::new();
-        for _ in &self.psi {
-            let _ = nu.push([1.0; PATHS]);
-        }
+        // The messages of each, where all the others' are 1.
         let mut totals = [1.0; PATHS];
-        for row in &self.messages(&nu) {
-            for (total, mu) in totals.iter_mut().zip(row) {
-                *total += mu;
+        for (psi, absent) in self.psi.iter().zip(&self.absent) {
+            let own = psi.iter().fold(*absent, |sum, psi| sum + psi);
+            for (total, psi) in totals.iter_mut().zip(psi).filter(|(_, psi)| **psi > 0.0) {
+                *total += psi / larger(own - psi, *absent);
             }
         }
         totals

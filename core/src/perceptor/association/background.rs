@@ -10,7 +10,7 @@
 use crate::model::detection::LOGISTIC;
 use crate::model::measurement::{Clutter, Measurement};
 use crate::perceptor::expectation::Expectation;
-use crate::real::{exp, limited, ln, sqrt};
+use crate::real::{LnProduct, exp, limited, sqrt};
 use heapless::Vec;
 
 /// Guard: against overflow: exponents go no further.
@@ -62,7 +62,11 @@ impl<const PATHS: usize> Background<PATHS> {
 
     /// Evidence of so many measurements, nats, were none of a known feature: over that of the usual density.
     pub fn evidence_nat(&self, measurements: usize) -> f32 {
-        self.per_m.iter().take(measurements).fold(0.0, |sum, per_m| sum + ln(per_m / self.usual_per_m))
+        let mut evidence = LnProduct::ONE;
+        for per_m in self.per_m.iter().take(measurements) {
+            evidence.times(per_m / self.usual_per_m);
+        }
+        evidence.ln()
     }
 }
 

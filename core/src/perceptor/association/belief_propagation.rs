@@ -6,10 +6,10 @@
 
 use super::factors::{Row, Rows, Stage, members};
 use super::{Belief, Beliefs};
-use crate::real::{abs, ln};
+use crate::real::{LnProduct, abs};
 
 /// Guard: against endless small changes: relative change of every message below which the iteration has converged.
-pub const TOLERANCE: f32 = 1e-4;
+pub const TOLERANCE: f32 = 1e-3;
 /// Capacity: iterations, which bound the time.
 pub const ITERATIONS: usize = 60;
 
@@ -98,7 +98,7 @@ impl<const SOURCES: usize, const PATHS: usize> Loopy<'_, SOURCES, PATHS> {
     ///
     /// sum_k ln (psi_k0 + sum_m psi_km nu_mk) + sum_m ln (1 + sum_k mu_km) - sum_km ln (1 + mu_km nu_mk).
     fn evidence_nat(&mut self) -> f32 {
-        let mut evidence_nat = 0.0;
+        let (mut more, mut less) = (LnProduct::ONE, LnProduct::ONE);
         let mut sums = [1.0; PATHS];
         for (row, nu, messages) in self.features() {
             let mut own = row.absent;
@@ -107,17 +107,17 @@ impl<const SOURCES: usize, const PATHS: usize> Loopy<'_, SOURCES, PATHS> {
                 if let Some((((psi, nu), mu), sum)) = terms.zip(sums.get_mut(m)) {
                     own += psi * nu;
                     *sum += mu;
-                    evidence_nat -= ln(1.0 + mu * nu);
+                    less.times(1.0 + mu * nu);
                 }
             }
-            evidence_nat += ln(own);
+            more.times(own);
         }
         for sum in sums {
             if sum > 1.0 {
-                evidence_nat += ln(sum);
+                more.times(sum);
             }
         }
-        evidence_nat
+        more.ln() - less.ln()
     }
 
     /// The messages nu from every measurement to every feature; true while any still moves.

@@ -18,7 +18,7 @@
 
 use super::factors::{Rows, Stage, members};
 use super::{Beliefs, Joint};
-use crate::real::{larger, ln};
+use crate::real::{LnProduct, larger};
 use heapless::Vec;
 
 /// Capacity: values held at once, which bound the memory: (features + 2) times the states of the widest step must fit. Six features that contest six
@@ -60,6 +60,40 @@ struct Step<const PATHS: usize> {
     keep: u32,
 }
 
+/// Values of all states, layer by layer.
+#[derive(Clone, Debug)]
+struct Layers {
+    values: [f32; STATES],
+    /// Length of a layer.
+    length: usize,
+}
+
+impl Layers {
+    fn value(&self, layer: usize, state: u32) -> f32 {
+        let at = layer.wrapping_mul(self.length).wrapping_add(state as usize);
+        self.values.get(at).copied().unwrap_or(0.0)
+    }
+
+    fn value_mut(&mut self, layer: usize, state: u32) -> Option<&mut f32> {
+        let at = layer.wrapping_mul(self.length).wrapping_add(state as usize);
+        self.values.get_mut(at)
+    }
+
+    fn set(&mut self, layer: usize, state: u32, value: f32) {
+        if let Some(cell) = self.value_mut(layer, state) {
+            *cell = value;
+        }
+    }
+
+    /// Adds `weight` to A_k+1(`state`) and returns weight times B_k+1(`state`).
+    fn carry(&mut self, k: usize, state: u32, weight: f32) -> f32 {
+        if let Some(reached) = self.value_mut(k + 1, state) {
+            *reached += weight;
+        }
+        weight * self.value(k + 2, state)
+    }
+}
+
 /// Memory for one cluster after the other.
 #[derive(Clone, Debug)]
 pub(super) struct Trellis<const PATHS: usize> {
@@ -72,9 +106,9 @@ pub(super) struct Trellis<const PATHS: usize> {
     /// B_k(no measurement used) before it was divided by itself.
     totals: [f32; FEATURES],
     /// A_k(s) in layer k over B_k(s) in layer k + 1: when A_k+1 is written, B_k is no longer needed.
-    values: [f32; STATES],
-    /// Length of a layer.
-    layer: usize,
+    layers: Layers,
+    /// The one at hand.
+    step: Step<PATHS>,
 }
 
 impl<const PATHS: usize> Trellis<PATHS> {
@@ -84,44 +118,56 @@ impl<const PATHS: usize> Trellis<PATHS> {
             seats: [Seat { first: 0, last: 0, bit: 0 }; PATHS],
             open: Vec::new(),
             totals: [1.0; FEATURES],
-            values: [0.0; STATES],
-            layer: 1,
+            layers: Layers { values: [0.0; STATES], length: 1 },
+            step: Step { feature: 0, absent: 1.0, takings: Vec::new(), open: 0, keep: 0 },
         }
     }
 
-    /// Writes the beliefs of the cluster that is gathered in `rows`; false where it needs more than `limit` values
-    /// or its probabilities leave the range of `f32`.
+    /// Writes the beliefs of the cluster of so many features `gathered` in `rows`, and multiplies the evidence by its own; false where it needs more
+    /// than `limit` values or its probabilities leave the range of `f32`.
     #[inline(never)]
     pub(super) fn solve<const SOURCES: usize>(
         &mut self,
         rows: &mut Rows<SOURCES, PATHS>,
+        gathered: usize,
         beliefs: &mut Beliefs<SOURCES, PATHS>,
+        evidence: &mut LnProduct,
         limit: usize,
     ) -> bool {
-        if !(self.line_up(rows) && self.seat(rows, limit)) {
+        if !(self.line_up(rows, gathered) && self.seat(rows, limit)) {
             return false;
         }
         self.backward(rows, false);
-        let evidence_nat =
-            self.totals.iter().take(self.features.len()).fold(0.0, |sum, total| sum + ln(*total));
+        let mut with_cluster = *evidence;
+        for total in self.totals.iter().take(self.features.len()) {
+            with_cluster.times(*total);
+        }
         if !self.forward(rows, beliefs) {
             return false;
         }
-        beliefs.evidence_nat += evidence_nat;
+        *evidence = with_cluster;
         self.backward(rows, true);
         self.follow(rows, beliefs);
         true
     }
 
     /// Lists the gathered features by expected range; false where they are too many.
-    fn line_up<const SOURCES: usize>(&mut self, rows: &mut Rows<SOURCES, PATHS>) -> bool {
+    fn line_up<const SOURCES: usize>(
+        &mut self,
+        rows: &mut Rows<SOURCES, PATHS>,
+        gathered: usize,
+    ) -> bool {
         self.features.clear();
-        let mut all = true;
-        while let Some((feature, row)) = rows.shortest_gathered() {
-            row.stage = Stage::Listed;
-            all &= self.features.push(feature).is_ok();
+        if gathered > FEATURES {
+            return false;
         }
-        all
+        for left in (1..=gathered).rev() {
+            let Some((feature, row)) = rows.shortest_gathered(left) else { return false };
+            row.stage = Stage::Listed;
+            // Not more than there is room for: the push succeeds.
+            let _ = self.features.push(feature);
+        }
+        true
     }
 
     /// Gives every contested measurement its seat; false where the states are too many.
@@ -164,16 +210,19 @@ impl<const PATHS: usize> Trellis<PATHS> {
             all |= open;
         }
         // Seats are filled from below: the bits used are ones without gap.
-        self.layer = (all as usize).saturating_add(1);
-        self.layer.saturating_mul(self.features.len().saturating_add(2)) <= limit.min(STATES)
+        self.layers.length = (all as usize).saturating_add(1);
+        self.layers.length.saturating_mul(self.features.len().saturating_add(2)) <= limit.min(STATES)
     }
 
+    /// What the feature of a step can do.
     #[inline(never)]
-    fn step<const SOURCES: usize>(&self, rows: &Rows<SOURCES, PATHS>, step: usize) -> Option<Step<PATHS>> {
+    fn take_step<const SOURCES: usize>(&mut self, rows: &Rows<SOURCES, PATHS>, step: usize) -> Option<()> {
         let &feature = self.features.get(step)?;
         let row = rows.get(feature)?;
         let &open = self.open.get(step)?;
-        let (mut keep, mut takings) = (open, Vec::new());
+        let mut keep = open;
+        let takings = &mut self.step.takings;
+        takings.clear();
         for measurement in members(row.gated) {
             let (seat, &psi) = (self.seats.get(measurement)?, row.psi.get(measurement)?);
             let before = if seat.first == step { 0 } else { seat.bit };
@@ -184,44 +233,31 @@ impl<const PATHS: usize> Trellis<PATHS> {
             // Capacities are equal: every push succeeds.
             let _ = takings.push(Taking { measurement, psi, before, after });
         }
-        Some(Step { feature, absent: row.absent, takings, open, keep })
-    }
-
-    fn value(&self, layer: usize, state: u32) -> f32 {
-        let at = layer.wrapping_mul(self.layer).wrapping_add(state as usize);
-        self.values.get(at).copied().unwrap_or(0.0)
-    }
-
-    fn value_mut(&mut self, layer: usize, state: u32) -> Option<&mut f32> {
-        let at = layer.wrapping_mul(self.layer).wrapping_add(state as usize);
-        self.values.get_mut(at)
-    }
-
-    fn set(&mut self, layer: usize, state: u32, value: f32) {
-        if let Some(cell) = self.value_mut(layer, state) {
-            *cell = value;
-        }
+        (self.step.feature, self.step.absent) = (feature, row.absent);
+        (self.step.open, self.step.keep) = (open, keep);
+        Some(())
     }
 
     /// B_k(s) of all steps, as sums or, for the `best` path alone, as largest terms.
     #[inline(never)]
     fn backward<const SOURCES: usize>(&mut self, rows: &Rows<SOURCES, PATHS>, best: bool) {
         let steps = self.features.len();
-        self.set(steps + 1, 0, 1.0);
+        self.layers.set(steps + 1, 0, 1.0);
         for k in (0..steps).rev() {
-            let Some(step) = self.step(rows, k) else { return };
+            let Some(()) = self.take_step(rows, k) else { return };
+            let Self { step, layers, .. } = self;
             let mut total = 1.0;
             for state in subsets(step.open) {
                 let kept = state & step.keep;
-                let mut value = step.absent * self.value(k + 2, kept);
+                let mut value = step.absent * layers.value(k + 2, kept);
                 for taking in step.takings.iter().filter(|taking| state & taking.before == 0) {
-                    let term = taking.psi * self.value(k + 2, kept | taking.after);
+                    let term = taking.psi * layers.value(k + 2, kept | taking.after);
                     value = if best { larger(term, value) } else { value + term };
                 }
                 if state == 0 {
                     total = value;
                 }
-                self.set(k + 1, state, value / total);
+                layers.set(k + 1, state, value / total);
             }
             if let Some(kept) = self.totals.get_mut(k) {
                 *kept = total;
@@ -236,21 +272,22 @@ impl<const PATHS: usize> Trellis<PATHS> {
         rows: &Rows<SOURCES, PATHS>,
         beliefs: &mut Beliefs<SOURCES, PATHS>,
     ) -> bool {
-        self.set(0, 0, 1.0);
+        self.layers.set(0, 0, 1.0);
         for k in 0..self.features.len() {
-            let Some(step) = self.step(rows, k) else { return false };
+            let Some(()) = self.take_step(rows, k) else { return false };
+            let Self { step, layers, .. } = self;
             let Some(belief) = beliefs.get_mut(step.feature) else { return false };
             for state in subsets(self.open.get(k + 1).copied().unwrap_or(0)) {
-                self.set(k + 1, state, 0.0);
+                layers.set(k + 1, state, 0.0);
             }
             let total = self.totals.get(k).copied().unwrap_or(1.0);
             let mut missed = 0.0;
             for state in subsets(step.open) {
                 let kept = state & step.keep;
-                let reached = self.value(k, state) / total;
-                missed += self.carry(k, kept, reached * step.absent);
+                let reached = layers.value(k, state) / total;
+                missed += layers.carry(k, kept, reached * step.absent);
                 for taking in step.takings.iter().filter(|taking| state & taking.before == 0) {
-                    let mass = self.carry(k, kept | taking.after, reached * taking.psi);
+                    let mass = layers.carry(k, kept | taking.after, reached * taking.psi);
                     if let Some(p) = belief.associated.get_mut(taking.measurement) {
                         *p += mass;
                     }
@@ -274,31 +311,24 @@ impl<const PATHS: usize> Trellis<PATHS> {
         true
     }
 
-    /// Adds `weight` to A_k+1(`state`) and returns weight times B_k+1(`state`).
-    fn carry(&mut self, k: usize, state: u32, weight: f32) -> f32 {
-        if let Some(reached) = self.value_mut(k + 1, state) {
-            *reached += weight;
-        }
-        weight * self.value(k + 2, state)
-    }
-
     /// Writes the best path; of equals, the first.
     #[inline(never)]
     fn follow<const SOURCES: usize>(
-        &self,
+        &mut self,
         rows: &Rows<SOURCES, PATHS>,
         beliefs: &mut Beliefs<SOURCES, PATHS>,
     ) {
         let mut state = 0;
         for k in 0..self.features.len() {
-            let Some(step) = self.step(rows, k) else { return };
+            let Some(()) = self.take_step(rows, k) else { return };
+            let Self { step, layers, .. } = self;
             let kept = state & step.keep;
             let mut joint = Joint::Missed;
-            let mut most = step.absent * self.value(k + 2, kept);
+            let mut most = step.absent * layers.value(k + 2, kept);
             let mut next = kept;
             for taking in step.takings.iter().filter(|taking| state & taking.before == 0) {
                 let after = kept | taking.after;
-                let term = taking.psi * self.value(k + 2, after);
+                let term = taking.psi * layers.value(k + 2, after);
                 if term > most {
                     (joint, most, next) = (Joint::Measurement(taking.measurement), term, after);
                 }

@@ -47,15 +47,16 @@ impl<const PATHS: usize> Row<PATHS> {
         Self { stage: Stage::Waiting, range_m: 0.0, absent: 1.0, psi: [0.0; PATHS], gated: 0 }
     }
 
+    /// The factors of a feature, in a blank row.
     #[inline(never)]
-    fn new(
+    fn fill(
+        &mut self,
         expectation: &Expectation,
         measurements: &Vec<Measurement, PATHS>,
         background: &Background<PATHS>,
-    ) -> Self {
-        let mut psi = [0.0; PATHS];
+    ) {
         let detected = expectation.existence * expectation.detection;
-        for ((factor, measurement), per_m) in psi.iter_mut().zip(measurements).zip(background.per_m()) {
+        for ((factor, measurement), per_m) in self.psi.iter_mut().zip(measurements).zip(background.per_m()) {
             let innovation = measurement.range_m - expectation.range_m;
             let variance = expectation.variance_m2 + measurement.variance_m2;
             let nis = innovation * innovation / variance;
@@ -72,32 +73,21 @@ impl<const PATHS: usize> Row<PATHS> {
             }
         }
         let absent = expectation.existence * (1.0 - expectation.detection) + (1.0 - expectation.existence);
-        Self {
-            stage: Stage::Waiting,
-            range_m: expectation.range_m,
-            absent: larger(absent, LEAST_ABSENT),
-            psi,
-            gated: 0,
-        }
+        self.range_m = expectation.range_m;
+        self.absent = larger(absent, LEAST_ABSENT);
     }
 
-    #[inline(never)]
-    fn mark_gated(&mut self) {
+    /// Marks the measurements above zero, and puts those of `barred` there.
+    fn bar(&mut self, barred: u32) {
         let mut bit = 1_u32;
-        for &psi in &self.psi {
-            if psi > 0.0 {
+        for psi in &mut self.psi {
+            if barred & bit != 0 {
+                *psi = 0.0;
+            }
+            if *psi > 0.0 {
                 self.gated |= bit;
             }
             bit = bit.wrapping_add(bit);
-        }
-    }
-
-    /// No reflection arrives before the direct path, wherever its virtual anchor is believed to be.
-    fn rule_out_earlier_arrivals(&mut self, measurements: &Vec<Measurement, PATHS>, direct: &Expectation) {
-        for (factor, measurement) in self.psi.iter_mut().zip(measurements) {
-            if is_earlier(measurement, direct.range_m, direct.variance_m2) {
-                *factor = 0.0;
-            }
         }
     }
 
@@ -153,16 +143,23 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         measurements: &Vec<Measurement, PATHS>,
         background: &Background<PATHS>,
     ) {
-        self.direct = Row::new(direct, measurements, background);
+        self.direct.fill(direct, measurements, background);
         self.direct.discount_later_arrivals(measurements, background);
-        for expectation in virtual_anchors {
-            let mut row = Row::new(expectation, measurements, background);
-            row.rule_out_earlier_arrivals(measurements, direct);
-            // Capacities are equal: every push succeeds.
-            let _ = self.virtual_anchors.push(row);
+        self.direct.bar(0);
+        // No reflection arrives before the direct path, wherever its virtual anchor is believed to be.
+        let mut earlier = 0_u32;
+        for (m, measurement) in measurements.iter().enumerate() {
+            if is_earlier(measurement, direct.range_m, direct.variance_m2) {
+                earlier |= 1_u32.wrapping_shl(m as u32);
+            }
         }
-        for row in self.iter_mut() {
-            row.mark_gated();
+        for expectation in virtual_anchors {
+            // Capacities are equal: every push succeeds.
+            let _ = self.virtual_anchors.push(Row::blank());
+            if let Some(row) = self.virtual_anchors.last_mut() {
+                row.fill(expectation, measurements, background);
+                row.bar(earlier);
+            }
         }
     }
 
@@ -181,13 +178,13 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         }
     }
 
-    /// Marks the members of one more cluster as gathered; false where no feature waits any more.
+    /// Marks the members of one more cluster as gathered; how many they are, 0 where no feature waits any more.
     ///
     /// Two features are of one cluster where a measurement is within the gates of both, or a chain of such pairs
     /// joins them.
     #[inline(never)]
-    pub(super) fn gather_cluster(&mut self) -> bool {
-        let mut measurements = None;
+    pub(super) fn gather_cluster(&mut self) -> usize {
+        let (mut measurements, mut gathered) = (None, 0);
         loop {
             let mut grown = false;
             for row in self.iter_mut().filter(|row| row.stage == Stage::Waiting) {
@@ -199,11 +196,12 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
                 if joined.is_some() {
                     measurements = joined;
                     row.stage = Stage::Gathered;
+                    gathered += 1;
                     grown = true;
                 }
             }
             if !grown {
-                return measurements.is_some();
+                return gathered;
             }
         }
     }
@@ -215,14 +213,13 @@ impl<const SOURCES: usize, const PATHS: usize> Rows<SOURCES, PATHS> {
         }
     }
 
-    /// The gathered feature with the shortest expected range, the first of equals.
+    /// The gathered feature with the shortest expected range, the first of equals; so many are gathered.
     #[inline(never)]
-    pub(super) fn shortest_gathered(&mut self) -> Option<(usize, &mut Row<PATHS>)> {
+    pub(super) fn shortest_gathered(&mut self, gathered: usize) -> Option<(usize, &mut Row<PATHS>)> {
         let mut shortest: Option<(usize, &mut Row<PATHS>)> = None;
-        for (feature, row) in self.iter_mut().enumerate() {
-            if row.stage == Stage::Gathered
-                && shortest.as_ref().is_none_or(|(_, least)| row.range_m < least.range_m)
-            {
+        let all = self.iter_mut().enumerate().filter(|(_, row)| row.stage == Stage::Gathered);
+        for (feature, row) in all.take(gathered) {
+            if shortest.as_ref().is_none_or(|(_, least)| row.range_m < least.range_m) {
                 shortest = Some((feature, row));
             }
         }

@@ -29,7 +29,7 @@ pub mod outcome;
 
 use super::expectation::Expectation;
 use crate::model::measurement::Measurement;
-use crate::real::larger;
+use crate::real::{LnProduct, larger};
 use crate::snapshot::{Sink, Written, written};
 use background::Background;
 use exact::{STATES, Trellis};
@@ -126,6 +126,10 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
     /// Beliefs of all features, the direct path first.
     pub fn features(&self) -> impl Iterator<Item = &Belief<PATHS>> + Clone {
         core::iter::once(&self.direct).chain(self.virtual_anchors.iter())
+    }
+
+    fn features_mut(&mut self) -> impl Iterator<Item = &mut Belief<PATHS>> {
+        core::iter::once(&mut self.direct).chain(&mut self.virtual_anchors)
     }
 
     fn get_mut(&mut self, feature: usize) -> Option<&mut Belief<PATHS>> {
@@ -265,10 +269,21 @@ fn solve_clusters<const SOURCES: usize, const PATHS: usize>(
     limit: usize,
 ) {
     let mut trellis = Trellis::new();
-    while rows.gather_cluster() {
-        let solved = trellis.solve(rows, beliefs, limit);
+    let mut evidence = LnProduct::ONE;
+    for (row, belief) in rows.iter_mut().zip(beliefs.features_mut()).filter(|(row, _)| row.gated == 0) {
+        // Nothing can be its own.
+        (belief.missed, belief.joint, row.stage) = (1.0, Joint::Missed, Stage::Exact);
+        evidence.times(row.absent);
+    }
+    loop {
+        let gathered = rows.gather_cluster();
+        if gathered == 0 {
+            break;
+        }
+        let solved = trellis.solve(rows, gathered, beliefs, &mut evidence, limit);
         rows.settle_cluster(if solved { Stage::Exact } else { Stage::Loopy });
     }
+    beliefs.evidence_nat += evidence.ln();
 }
 
 impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {

@@ -394,8 +394,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     }
 
     /// Where the arcs of a cycle begin, as a share of an arc.
-    pub fn phase(&self) -> f32 {
-        proposal::phase(self.heard)
+    pub fn turn(&self) -> [f32; 2] {
+        proposal::turn(self.heard)
     }
 
     /// Takes a place in, with the trusted map: what was anywhere is there in part.
@@ -673,6 +673,7 @@ mod tests {
                 let sweeps: std::vec::Vec<_> = scans
                     .iter()
                     .map(|scan| Sweep {
+                        least_m2: scan.measurements.iter().map(|z| z.variance_m2).fold(f32::MAX, f32::min),
                         measurements: &scan.measurements,
                         height_m: 0.0,
                         bias: (0.0, 0.0),
@@ -683,7 +684,7 @@ mod tests {
                     let position_m = ANCHORS[sweep];
                     core::iter::once(Landmark { position_m, covariance_m2: [0.0; 3], detection: DETECTION })
                 };
-                for place in &propose(&sweeps, landmarks, |_, _| 1.0, belief.phase()) {
+                for place in &propose(&sweeps, landmarks, |_, _| 1.0, belief.turn()) {
                     belief.enter(place);
                 }
             }

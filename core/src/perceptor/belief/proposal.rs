@@ -1,11 +1,12 @@
 //! Newcomers: places that the earliest ranges of a scan propose.
 //!
 //! An early strong range is that of the direct path, or of nothing: it puts the tag on a circle around its anchor, cut into
-//! [`ARCS`] arcs. Each is weighed by all scans with the trusted map, features one by one, the direct path first, nu_m being what
+//! [`ARCS`] arcs. Anchors take turns, which bounds the work. Each arc is weighed by all scans with the trusted map, features one by one, the direct path first, nu_m being what
 //! earlier features left of measurement m:
 //!
-//! L = prod_k [1 - q_k + q_k sum_m nu_m N(z_m; mean_k, S_k) / lambda_m].
+//! L = prod_k [1 - q_k + q_k sum_m nu_m f(z_m; mean_k, S_k) / lambda_m],
 //!
+//! f being a polynomial near the normal density, of the same variance.
 //! The best become components, with little weight: what follows decides.
 
 use super::PLACE_M;
@@ -13,7 +14,7 @@ use crate::model::lateness::Lateness;
 use crate::model::measurement::{Clutter, Measurement};
 use crate::perceptor::association::background::Background;
 use crate::perceptor::expectation::Expectation;
-use crate::real::{TAU, cos, exp, larger, ln, sin, sqrt};
+use crate::real::{LnProduct, TAU, cos, larger, ln, sin, sqrt};
 use heapless::Vec;
 
 /// Capacity: arcs of one circle.
@@ -33,8 +34,12 @@ pub const ACROSS: f32 = 0.288_675_13;
 pub const LEAST_ACROSS_M: f32 = 0.05;
 /// Mathematics: the golden ratio: arcs of one cycle after the other are spread evenly.
 pub const GOLDEN: f32 = 0.618_034;
-/// Guard: against work on what explains nothing: squared deviations.
-pub const GATE2: f32 = 12.0;
+/// Mathematics: the inverse square of the plastic number: turns are spread evenly, also of every fifth cycle.
+pub const PLASTIC: f32 = 0.569_840_3;
+/// Mathematics: squared deviations that the density (1 - q / 15)^6 of a place reaches: near the normal one, of the same variance.
+pub const REACH2: f32 = 15.0;
+/// Mathematics: its integral over a deviation: sqrt(15) B(1/2, 7).
+pub const AREA: f32 = 2.641_315_3;
 /// Guard: against ln 0.
 pub const LEAST_INSIDE: f32 = 1e-3;
 /// Guard: against work on what hardly counts: a feature whose measurements are below this share of its evidence leaves them to
@@ -74,27 +79,36 @@ pub struct Sweep<'a, const PATHS: usize> {
     pub height_m: f32,
     /// Bias of the anchor's ranges, metres, and its variance, square metres.
     pub bias: (f32, f32),
+    /// Least variance of them, square metres, which all count as having: next to a place's it is small.
+    pub least_m2: f32,
     /// Intensities of what belongs to nothing.
     pub clutter: Clutter,
 }
 
-/// Where the arcs of a cycle begin, as a share of an arc.
-pub(super) fn phase(cycle: u32) -> f32 {
-    let turns = (cycle % 1024) as f32 * GOLDEN;
-    turns - (turns as u32) as f32
+/// Where the arcs of a cycle begin, as a share of an arc, and whose turn it is, as a share of all scans.
+pub(super) fn turn(cycle: u32) -> [f32; 2] {
+    [GOLDEN, PLASTIC].map(|ratio| {
+        let turns = (cycle % 1024) as f32 * ratio;
+        turns - (turns as u32) as f32
+    })
 }
 
 /// The places that the sweeps propose, at most [`PROPOSED`], the best; `landmarks` gives those of a sweep, the direct path first,
-/// `inside` the probability that a place, known within a deviation (metres), may be one of a tag.
+/// `inside` the probability that a place, known within a deviation (metres), may be one of a tag. Proposed is by one sweep, the first with
+/// a strong range from this share of them on; where arcs begin is a share of an arc.
 #[inline(never)]
 pub fn propose<'a, const PATHS: usize, L: Iterator<Item = Landmark>>(
     sweeps: &[Sweep<'a, PATHS>],
     landmarks: impl Fn(usize) -> L,
     inside: impl Fn([f32; 2], f32) -> f32,
-    phase: f32,
+    [phase, turn]: [f32; 2],
 ) -> Vec<Proposal, PROPOSED> {
     let mut best: Vec<Proposal, PROPOSED> = Vec::new();
-    for (index, sweep) in sweeps.iter().enumerate() {
+    let first = (turn * sweeps.len() as f32) as usize;
+    for (index, sweep) in sweeps.iter().enumerate().cycle().skip(first).take(sweeps.len()) {
+        if !best.is_empty() {
+            break;
+        }
         let Some(direct) = landmarks(index).next() else { continue };
         let mut after_m = 0.0;
         for _ in 0..EARLIEST {
@@ -159,7 +173,8 @@ fn weigh<const PATHS: usize>(
     let (bias_m, bias_m2) = sweep.bias;
     let mut background: Option<(Background<PATHS>, f32)> = None;
     let mut nu = [1.0; PATHS];
-    let mut evidence_nat = 0.0;
+    let mut of_background_nat = 0.0;
+    let mut evidence = LnProduct::ONE;
     for landmark in landmarks {
         let Landmark { position_m: [lx, ly], covariance_m2: [xx, yx, yy], detection } = landmark;
         let (dx, dy) = (x - lx, y - ly);
@@ -172,33 +187,37 @@ fn weigh<const PATHS: usize>(
             let direct =
                 Expectation { range_m, variance_m2, existence: 1.0, detection, lateness: Lateness::NONE };
             let background = Background::new(sweep.measurements, &direct, &sweep.clutter, &[1.0; PATHS]);
-            evidence_nat += background.evidence_nat(sweep.measurements.len());
+            of_background_nat = background.evidence_nat(sweep.measurements.len());
             (background, range_m)
         });
         if range_m < direct_m - PLACE_M {
             continue;
         }
+        let variance = variance_m2 + sweep.least_m2;
+        let reach_m2 = REACH2 * variance;
+        let most_per_m = detection / (AREA * sqrt(variance));
         let mut terms = [0.0; PATHS];
         let mut sum = 0.0;
         let densities = sweep.measurements.iter().zip(background.per_m());
         for ((measurement, per_m), (term, nu)) in densities.zip(terms.iter_mut().zip(&nu)) {
-            let variance = variance_m2 + measurement.variance_m2;
             let innovation = measurement.range_m - range_m;
             let squared = innovation * innovation;
-            if squared < GATE2 * variance {
-                *term = detection * nu * exp(-0.5 * (squared / variance)) / (sqrt(TAU * variance) * per_m);
+            if squared < reach_m2 {
+                let shape = 1.0 - squared / reach_m2;
+                let shape2 = shape * shape;
+                *term = most_per_m * nu * (shape2 * shape2 * shape2) / per_m;
                 sum += *term;
             }
         }
-        let evidence = 1.0 - detection + sum;
-        evidence_nat += ln(evidence);
-        if sum > LEAST_EVIDENCE * evidence {
+        let own = 1.0 - detection + sum;
+        evidence.times(own);
+        if sum > LEAST_EVIDENCE * own {
             for (nu, term) in nu.iter_mut().zip(&terms) {
-                *nu *= larger(1.0 - term / evidence, 0.0);
+                *nu *= larger(1.0 - term / own, 0.0);
             }
         }
     }
-    evidence_nat
+    of_background_nat + evidence.ln()
 }
 
 #[cfg(test)]
@@ -251,7 +270,13 @@ mod tests {
     }
 
     fn sweeps(scans: &[Vec<Measurement, 4>; 2]) -> [Sweep<'_, 4>; 2] {
-        let sweep = |measurements| Sweep { measurements, height_m: 0.0, bias: (0.0, 0.0), clutter: CLUTTER };
+        let sweep = |measurements| Sweep {
+            measurements,
+            height_m: 0.0,
+            bias: (0.0, 0.0),
+            least_m2: STD_M * STD_M,
+            clutter: CLUTTER,
+        };
         [sweep(&scans[0]), sweep(&scans[1])]
     }
 
@@ -272,7 +297,7 @@ mod tests {
             let place_m =
                 [(-3.0 + 14.0 * uniform(&mut state)) as f32, (-5.0 + 10.5 * uniform(&mut state)) as f32];
             let scans = scans(place_m, &mut state);
-            let places = propose(&sweeps(&scans), landmarks, |_, _| 1.0, phase(cycle));
+            let places = propose(&sweeps(&scans), landmarks, |_, _| 1.0, turn(cycle));
             found += usize::from(places.iter().any(|place| covers(place, place_m)));
             let best = places.iter().max_by(|a, b| a.evidence_nat.total_cmp(&b.evidence_nat)).unwrap();
             first += usize::from(covers(best, place_m));
@@ -285,32 +310,33 @@ mod tests {
     fn no_more_arcs_are_weighed_than_their_number_and_no_more_places_proposed() {
         let mut state = 4;
         let weighed = Cell::new(0);
-        let count = |scans: &[Vec<Measurement, 4>; 2]| {
+        let count = |scans: &[Vec<Measurement, 4>; 2], share: f32| {
             weighed.set(0);
             let inside = |_, _| {
                 weighed.set(weighed.get() + 1);
                 1.0
             };
-            let places = propose(&sweeps(scans), landmarks, inside, 0.3);
+            let places = propose(&sweeps(scans), landmarks, inside, [0.3, share]);
             (weighed.get(), places.len())
         };
         let usual = scans([3.0, 2.0], &mut state);
         // Two strong ranges of the first anchor, one of the second; weak ones are not tried.
-        assert_eq!(count(&usual), (3 * ARCS, PROPOSED));
+        assert_eq!(count(&usual, 0.4), (2 * ARCS, PROPOSED));
+        assert_eq!(count(&usual, 0.6), (ARCS, PROPOSED));
         let mut many = [Vec::new(), Vec::new()];
         for scan in &mut many {
             for range_m in [7.0, 3.0, 9.0, 5.0] {
                 scan.push(measurement(range_m, 1e-4)).unwrap();
             }
         }
-        assert_eq!(count(&many), (2 * EARLIEST * ARCS, PROPOSED));
-        assert_eq!(count(&[Vec::new(), Vec::new()]), (0, 0));
+        assert_eq!(count(&many, 0.9), (EARLIEST * ARCS, PROPOSED));
+        assert_eq!(count(&[Vec::new(), Vec::new()], 0.0), (0, 0));
         let mut weak = usual;
         weak.iter_mut().flatten().for_each(|measurement| measurement.false_alarm = STRONG);
-        assert_eq!(count(&weak), (0, 0));
-        // Of ranges, no strength is known: they are tried.
+        assert_eq!(count(&weak, 0.0), (0, 0));
+        // Of ranges, no strength is known: they are tried, also where the scan whose turn it is has nothing.
         weak[1][0].sinr = 0.0;
-        assert_eq!(count(&weak), (ARCS, PROPOSED));
+        assert_eq!(count(&weak, 0.0), (ARCS, PROPOSED));
     }
 
     #[test]
@@ -319,8 +345,14 @@ mod tests {
         for range_m in [7.0, 3.0, 5.0] {
             one.push(measurement(range_m, 1e-4)).unwrap();
         }
-        let sweep = Sweep { measurements: &one, height_m: 1.0, bias: (0.2, 0.0), clutter: CLUTTER };
-        let places = propose(&[sweep], |_| landmarks(1), |_, _| 1.0, 0.7);
+        let sweep = Sweep {
+            measurements: &one,
+            height_m: 1.0,
+            bias: (0.2, 0.0),
+            least_m2: STD_M * STD_M,
+            clutter: CLUTTER,
+        };
+        let places = propose(&[sweep], |_| landmarks(1), |_, _| 1.0, [0.7, 0.0]);
         assert_eq!(places.len(), PROPOSED);
         for place in &places {
             let radius = distance(place.position_m, ANCHORS[1]);
@@ -335,7 +367,7 @@ mod tests {
         }
         // A range that is shorter than the anchor is high proposes nothing.
         let low = Sweep { height_m: 5.0, ..sweep };
-        assert!(propose(&[low], |_| landmarks(1), |_, _| 1.0, 0.7).is_empty());
+        assert!(propose(&[low], |_| landmarks(1), |_, _| 1.0, [0.7, 0.0]).is_empty());
     }
 
     /// L of the module's description, in f64.
@@ -371,8 +403,8 @@ mod tests {
                     .map(|(z, nu)| {
                         let s = own + f64::from(z.variance_m2);
                         let squared = (f64::from(z.range_m) - range).powi(2) / s;
-                        let density = (-0.5 * squared).exp() / (std::f64::consts::TAU * s).sqrt();
-                        if squared < f64::from(GATE2) { q * nu * density / per_m(z) } else { 0.0 }
+                        let shape = (1.0 - squared / 15.0).max(0.0).powi(6);
+                        q * nu * shape / ((15.0 * s).sqrt() * 92_160.0 / 135_135.0) / per_m(z)
                     })
                     .collect();
                 let seen: f64 = terms.iter().sum();
@@ -387,13 +419,30 @@ mod tests {
     }
 
     #[test]
+    fn the_density_of_a_place_has_its_variance_and_is_near_the_normal_one() {
+        let steps = 100_000;
+        let step = 2.0 * f64::from(REACH2).sqrt() / f64::from(steps);
+        let (mut sum, mut variance, mut apart) = (0.0, 0.0, 0.0_f64);
+        for n in 0..steps {
+            let x = step * (f64::from(n) + 0.5) - f64::from(REACH2).sqrt();
+            let density = (1.0 - x * x / f64::from(REACH2)).powi(6) / f64::from(AREA);
+            sum += step * density;
+            variance += step * x * x * density;
+            apart = apart.max((density - (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt()).abs());
+        }
+        assert!((sum - 1.0).abs() < 1e-6 && (variance - 1.0).abs() < 1e-6, "{sum} {variance}");
+        // Of 0.4.
+        assert!(apart < 0.025, "{apart}");
+    }
+
+    #[test]
     fn evidence_is_that_of_the_features_one_by_one() {
         let mut state = 5;
         let mut worst = 0.0_f64;
         for _ in 0..500 {
             let place_m = [(9.0 * uniform(&mut state)) as f32, (5.0 * uniform(&mut state)) as f32];
             let scans = scans(place_m, &mut state);
-            for place in &propose(&sweeps(&scans), landmarks, |_, _| 0.25, uniform(&mut state) as f32) {
+            for place in &propose(&sweeps(&scans), landmarks, |_, _| 0.25, [0.0; 2].map(|_| uniform(&mut state) as f32)) {
                 let exact = evidence(place, &scans) + 0.25_f64.ln();
                 worst = worst.max((f64::from(place.evidence_nat) - exact).abs());
             }
@@ -426,7 +475,7 @@ mod tests {
 
     #[test]
     fn arcs_of_one_cycle_after_the_other_are_spread_evenly() {
-        let phases: std::vec::Vec<f32> = (0..1024).map(phase).collect();
+        let phases: std::vec::Vec<f32> = (0..1024).map(|cycle| turn(cycle)[0]).collect();
         assert!(phases.iter().all(|phase| (0.0..1.0).contains(phase)));
         // Three distances (Sós 1958): the largest of n is below golden^-2 / n, and never far above the mean.
         let mut worst = 0.0_f32;
@@ -440,6 +489,6 @@ mod tests {
             }
         }
         assert!(worst < 2.62, "{worst}");
-        assert_eq!(phase(1024 + 7), phase(7));
+        assert_eq!(turn(1024 + 7), turn(7));
     }
 }

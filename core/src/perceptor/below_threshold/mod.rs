@@ -230,7 +230,10 @@ impl<'a, const POINTS: usize> Reader<'a, POINTS> {
         outcome: &AssociatedScan<'_, SOURCES, PATHS>,
     ) -> Option<Background> {
         let expected = &outcome.expected;
-        let beside = |regression: &Regression| self.pulse_m + 2.0 * sqrt(regression.variance_m2());
+        let is_beside = |other: &Regression, at_m: f32| {
+            let past_m = abs(other.range_m - at_m) - self.pulse_m;
+            past_m < 0.0 || past_m * past_m < 4.0 * other.variance_m2()
+        };
         let first_m = expected.direct.range_m - self.pulse_m;
         let mut mean: Option<Background> = None;
         let mut count = 0.0;
@@ -239,10 +242,10 @@ impl<'a, const POINTS: usize> Reader<'a, POINTS> {
                 continue;
             }
             // So far that it is not beside itself.
-            let away_m = 1.25 * beside(regression);
+            let away_m = 1.25 * (self.pulse_m + 2.0 * sqrt(regression.variance_m2()));
             for at_m in [regression.range_m - away_m, regression.range_m + away_m] {
                 let mut others = expected.regressions();
-                if at_m < first_m || others.any(|other| abs(other.range_m - at_m) < beside(other)) {
+                if at_m < first_m || others.any(|other| is_beside(other, at_m)) {
                     continue;
                 }
                 let Some(energy) = self.residual.energy(at_m) else { continue };

@@ -33,6 +33,8 @@ pub const SKIP_PULSES: f32 = 1.5;
 /// Guard: against missing a path between two samples, where it has lost up to 1.2 dB: share of kappa from which on a sample is
 /// looked at.
 pub const SCALLOPING: f32 = 0.7;
+/// Guard: against rounding: samples of a cell in which all are below this share of what would be looked at are passed over at once.
+const QUIET: f32 = 0.999;
 /// Capacity: passes of the noise fit before the first path, which bound its time; what stands out far needs no exact level.
 pub const FIRST_REFINEMENTS: usize = 7;
 /// Capacity: passes of the noise fit once no strong path is left, or no room, which bound its time: as many in every frame.
@@ -302,9 +304,18 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         let mut n = 0;
         while n < self.samples.len() {
             let (first, active, until) = reach.at(n);
-            let run = self.samples.get(n..until.min(self.samples.len())).unwrap_or(&[]);
+            let mut until = until.min(self.samples.len());
             if active.is_empty() {
-                for (n, sample) in (n..).zip(run) {
+                let (node, left) = walk.node();
+                // The level is nowhere below the white noise but for rounding.
+                let quiet = QUIET * (best.1 * self.noise.white);
+                if until.saturating_sub(n) >= left && self.cells.below(node, quiet).is_some() {
+                    walk.leave_node();
+                    n += left.max(1);
+                    continue;
+                }
+                until = until.min(n + left.max(1));
+                for (n, sample) in (n..).zip(self.samples.get(n..until).unwrap_or(&[])) {
                     let level = walk.next();
                     let power = power(sample);
                     if power > best.1 * level {
@@ -312,7 +323,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                     }
                 }
             } else {
-                for (n, sample) in (n..).zip(run) {
+                for (n, sample) in (n..).zip(self.samples.get(n..until).unwrap_or(&[])) {
                     let residual = self.scaled_gain(*sample, n as f32, first, active);
                     let scale = residual.s * walk.next();
                     if residual.power > best.1 * scale && residual.s >= SMALLEST_S {
@@ -320,7 +331,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                     }
                 }
             }
-            n += run.len().max(1);
+            n = until.max(n + 1);
         }
         let (n, gain) = (best.0?, best.1);
         let vertex = parabola_vertex(self.gain_at(n.checked_sub(1)), gain, self.gain_at(Some(n + 1)));

@@ -22,6 +22,16 @@ pub(super) struct Kernel {
 }
 
 impl Kernel {
+    /// The value midway between two samples, of a window of [`TAPS`] of them: taps lie opposite each other.
+    pub fn midway(&self, window: &[Complex]) -> Complex {
+        let mut total = [0.0; 2];
+        let pairs = window.iter().zip(window.iter().rev()).take(TAPS / 2);
+        for (([a_re, a_im], [b_re, b_im]), weight) in pairs.zip(&self.weights) {
+            total = [total[0] + weight * (a_re + b_re), total[1] + weight * (a_im + b_im)];
+        }
+        total
+    }
+
     /// The value there of a window of [`TAPS`] samples.
     pub fn of(&self, window: &[Complex]) -> Complex {
         let weights = self.weights.iter().copied();

@@ -217,8 +217,11 @@ impl NoiseLevel {
         let (mut all_u, mut all_v) = (0.0, 0.0);
         // Sums of u and v from a node on, weighted by each of the two exponentials since the node.
         let mut after = [0.0_f32; 4];
-        let nodes = self.weights.iter_mut().zip(self.decaying.iter().zip(&self.rising)).enumerate();
-        for (node, (weight, (decaying, rising))) in nodes.take(steps.nodes).rev() {
+        let mut node = steps.nodes.min(NODES);
+        let weights = self.weights.iter_mut().take(node).rev();
+        let sums = self.decaying.iter().take(node).rev().zip(self.rising.iter().take(node).rev());
+        for (weight, (decaying, rising)) in weights.zip(sums) {
+            node = node.wrapping_sub(1);
             let mut own = [0.0_f32; 4];
             let Factors { mut decay, mut rise } = steps.half_cell;
             // Cells ahead of the frame are empty.
@@ -439,6 +442,18 @@ impl<'a> LevelWalk<'a> {
         walk
     }
 
+    /// The node at or before the next sample, and how many samples there are up to the next one.
+    #[inline]
+    pub fn node(&self) -> (usize, usize) {
+        (self.node, self.level.node_samples.saturating_sub(self.within))
+    }
+
+    /// Goes on to the next node.
+    #[inline]
+    pub fn leave_node(&mut self) {
+        (self.node, self.within) = (self.node + 1, 0);
+    }
+
     /// The level at sample 0, 1, 2, ...
     #[inline]
     pub fn next(&mut self) -> f32 {
@@ -451,7 +466,7 @@ impl<'a> LevelWalk<'a> {
         self.rising *= self.factors.rise;
         self.within += 1;
         if self.within == self.level.node_samples {
-            (self.node, self.within) = (self.node + 1, 0);
+            self.leave_node();
         }
         level
     }

@@ -135,9 +135,9 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                     let past = k as f32 * share;
                     let noise = level + past * (next - level);
                     let energy = match samples {
-                        Samples::Complex(_) => power(&weighted(taps, kernel, k)) / noise,
+                        Samples::Complex(_) => power(&weighted(taps, kernel, k, points)) / noise,
                         Samples::Magnitude(_) => {
-                            let [magnitude, _] = weighted(taps, kernel, k);
+                            let [magnitude, _] = weighted(taps, kernel, k, points);
                             let magnitude = larger(magnitude, 0.0);
                             magnitude * magnitude / (noise + self.taken_energy(&taken, n as f32 + past))
                         }
@@ -213,9 +213,13 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
     }
 }
 
-/// The value of a window of samples at the place of a kernel, the first of which is at a sample.
-fn weighted(taps: &[Complex], kernel: &Kernel, number: usize) -> Complex {
-    if number == 0 { taps.get(BEFORE).copied().unwrap_or([0.0; 2]) } else { kernel.of(taps) }
+/// The value of a window of samples at the place of a kernel: that of this `number` of so many `points` from sample to sample.
+fn weighted(taps: &[Complex], kernel: &Kernel, number: usize, points: usize) -> Complex {
+    match number {
+        0 => taps.get(BEFORE).copied().unwrap_or([0.0; 2]),
+        half if 2 * half == points => kernel.midway(taps),
+        _ => kernel.of(taps),
+    }
 }
 
 /// The first whole number after a position, not below 0.

@@ -13,7 +13,7 @@
 //! B_k is divided by B_k(nothing used), and A_k+1 by the same number, so that sum_s A_k(s) B_k(s) = 1 for all k.
 
 use crate::reference::Matrix;
-use crate::reference::real::{Real, larger, ln};
+use crate::reference::real::{Real, larger};
 use cogmint_core::perceptor::association::exact::{FEATURES, STATES};
 
 /// What is found out about one feature.
@@ -39,8 +39,8 @@ struct Cluster<T> {
 }
 
 /// Solves the cluster with these factors, one row per feature in the order of expected ranges. None where it is too
-/// large, or the probabilities leave the range of numbers. With it, ln of the sum over all joint associations.
-pub fn solve<T: Real>(absent: Vec<T>, psi: Matrix<T>) -> Option<(Vec<Solution<T>>, T)> {
+/// large, or the probabilities leave the range of numbers. With it, the factors of the sum over all joint associations.
+pub fn solve<T: Real>(absent: Vec<T>, psi: Matrix<T>) -> Option<(Vec<Solution<T>>, Vec<T>)> {
     let features = absent.len();
     let cluster = Cluster::new(absent, psi);
     if features > FEATURES || (features + 2) * cluster.states > STATES {
@@ -50,14 +50,10 @@ pub fn solve<T: Real>(absent: Vec<T>, psi: Matrix<T>) -> Option<(Vec<Solution<T>
     let marginals = cluster.marginals(&sums, &totals)?;
     let (largest, _) = cluster.backward(|most, term| larger(term, most));
     let joint = cluster.best(&largest);
-    let mut evidence_nat = T::ZERO;
-    for total in &totals {
-        evidence_nat += ln(*total);
-    }
     let solutions = marginals.into_iter().zip(joint);
     let solutions =
         solutions.map(|((missed, associated), joint)| Solution { missed, associated, joint }).collect();
-    Some((solutions, evidence_nat))
+    Some((solutions, totals))
 }
 
 impl<T: Real> Cluster<T> {

@@ -28,7 +28,7 @@ pub mod outcome;
 use super::Matrix;
 use super::lateness::{Lateness, Timing};
 use super::outage::weigh;
-use super::real::{Real, abs, exp, larger, limited, ln, sqrt, square, tau};
+use super::real::{Real, abs, exp, larger, limited, ln_product, sqrt, square, tau};
 use cogmint_core::model::detection::{LEAST_FALSE_ALARM, LOGISTIC};
 pub use cogmint_core::perceptor::association::Joint;
 use cogmint_core::perceptor::association::background::LARGEST_EXPONENT;
@@ -155,10 +155,7 @@ pub fn associate<T: Real>(
 
     // The factors.
     let per_m = background_per_m(&features[0], measurements, claims, clutter);
-    let mut evidence_nat = T::ZERO;
-    for per_m in &per_m {
-        evidence_nat += ln(*per_m / clutter.all_per_m);
-    }
+    let mut evidence_nat = ln_product(per_m.iter().map(|per_m| *per_m / clutter.all_per_m));
     let mut absent = Vec::new();
     let mut psi: Matrix<T> = Vec::new();
     for feature in features {
@@ -180,15 +177,23 @@ pub fn associate<T: Real>(
     // The clusters.
     let mut exact: Vec<Option<exact::Solution<T>>> = features.iter().map(|_| None).collect();
     let mut loopy = Vec::new();
-    for mut cluster in clusters(&psi) {
+    // Order: the features to which nothing can belong, then cluster by cluster.
+    let mut evidence: Vec<T> = Vec::new();
+    let has_any = |k: usize| psi[k].iter().any(|psi| *psi > T::ZERO);
+    for k in (0..rows).filter(|&k| !has_any(k)) {
+        let (associated, joint) = (vec![T::ZERO; columns], None);
+        exact[k] = Some(exact::Solution { missed: T::ONE, associated, joint });
+        evidence.push(absent[k]);
+    }
+    for mut cluster in clusters(&psi).into_iter().filter(|cluster| has_any(cluster[0])) {
         // Stable: equal ranges stay in the order of the features.
         cluster.sort_by(|&a, &b| {
             features[a].range_m.partial_cmp(&features[b].range_m).unwrap_or(core::cmp::Ordering::Equal)
         });
         let rows = cluster.iter().map(|&k| psi[k].clone()).collect();
         match exact::solve(cluster.iter().map(|&k| absent[k]).collect(), rows) {
-            Some((solutions, own_nat)) => {
-                evidence_nat += own_nat;
+            Some((solutions, totals)) => {
+                evidence.extend(totals);
                 for (&k, solution) in cluster.iter().zip(solutions) {
                     exact[k] = Some(solution);
                 }
@@ -197,6 +202,7 @@ pub fn associate<T: Real>(
         }
     }
     loopy.sort_unstable();
+    evidence_nat += ln_product(evidence);
 
     // The messages.
     let mut mu = super::zeros::<T>(rows, columns);
@@ -243,14 +249,14 @@ pub fn associate<T: Real>(
 
     // Bethe's evidence: by feature, then by measurement.
     if !loopy.is_empty() {
-        let mut loopy_nat = T::ZERO;
+        let (mut more, mut less) = (Vec::new(), Vec::new());
         for &k in &loopy {
             let mut own = absent[k];
             for m in (0..columns).filter(|&m| psi[k][m] > T::ZERO) {
                 own += psi[k][m] * nu[k][m];
-                loopy_nat -= ln(T::ONE + mu[k][m] * nu[k][m]);
+                less.push(T::ONE + mu[k][m] * nu[k][m]);
             }
-            loopy_nat += ln(own);
+            more.push(own);
         }
         for m in 0..columns {
             let mut sum = T::ONE;
@@ -258,10 +264,10 @@ pub fn associate<T: Real>(
                 sum += mu[k][m];
             }
             if sum > T::ONE {
-                loopy_nat += ln(sum);
+                more.push(sum);
             }
         }
-        evidence_nat += loopy_nat;
+        evidence_nat += ln_product(more) - ln_product(less);
     }
 
     // The beliefs.

@@ -30,6 +30,23 @@ impl<T: Real> Interpolation<T> {
         Self { kernels }
     }
 
+    /// The frame midway between sample `n` and the next; beyond it, zero. Order: the outermost pair of taps first, both of which have
+    /// one weight.
+    pub fn midway(&self, samples: &[[T; 2]], n: usize) -> [T; 2] {
+        let inside = |n: i64| usize::try_from(n).ok().and_then(|n| samples.get(n));
+        let value = |n: i64| inside(n).copied().unwrap_or([T::ZERO; 2]);
+        let mut sum = [T::ZERO; 2];
+        let (low, high) = (&self.kernels[PHASES / 2 - 1], &self.kernels[PHASES / 2]);
+        for tap in 0..TAPS / 2 {
+            let weight = low[tap] + T::ONE * (high[tap] - low[tap]);
+            let first = n as i64 + tap as i64 - BEFORE as i64;
+            let (a, b) = (value(first), value(first + TAPS as i64 - 1 - 2 * tap as i64));
+            sum[0] += weight * (a[0] + b[0]);
+            sum[1] += weight * (a[1] + b[1]);
+        }
+        sum
+    }
+
     /// The frame at `position`; beyond it, zero.
     pub fn at(&self, samples: &[[T; 2]], position: T) -> [T; 2] {
         let base = floor(position);

@@ -82,7 +82,11 @@ impl<T: Real> ChannelEstimator<T> {
             for k in 0..points {
                 let past = T::of_count(k) * share;
                 let position = T::of_count(n) + past;
-                let value = if k == 0 { rest[n] } else { self.interpolation.at(&rest, position) };
+                let value = match k {
+                    0 => rest[n],
+                    half if 2 * half == points => self.interpolation.midway(&rest, n),
+                    _ => self.interpolation.at(&rest, position),
+                };
                 let mut level = levels[n] + past * (levels[n + 1] - levels[n]);
                 let energy = if is_complex {
                     power(value) / level
