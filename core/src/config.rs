@@ -15,6 +15,7 @@ pub use crate::perceptor::association::AssociationSettings;
 use crate::perceptor::association::Mode;
 use crate::perceptor::belief::BeliefSettings;
 use crate::perceptor::channel_estimator::EstimatorSettings;
+use crate::perceptor::channel_estimator::work::MOST_WORK;
 pub use crate::radio::Radio;
 use crate::radio::presets::RadioPreset;
 use crate::radio::pulse::PulseShape;
@@ -84,7 +85,37 @@ pub struct Config {
     pub radio: Radio,
     /// How the next action is found.
     pub controller: ControllerSettings,
+    /// How much a cycle may cost.
+    pub work: WorkLimits,
 }
+
+/// How much a cycle may cost: what bounds its longest, whatever is received. [`CycleReport`](crate::CycleReport) says what was left over.
+/// Beside these, a cycle is bounded by the tracker's sizes, by the exact solution's states and the rounds of messages
+/// ([`crate::perceptor::association`]), and by how many actions are planned, how far
+/// ([`ControllerSettings::planned_actions`], [`ControllerSettings::horizon`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct WorkLimits {
+    /// Work on a frame after which no more paths are looked for, about in instructions of a Cortex-M4F
+    /// ([`crate::perceptor::channel_estimator::work`]; 10,000 to 1e9). Less: the weakest of many paths are missed in crowded frames.
+    pub frame: u32,
+    /// How often components of the belief are compared with scans at most (1 to 65,535), each scan with two at least. Where more is
+    /// heard, fewer components are carried. Less: a lost tag is found later, and one of two places may be dropped.
+    pub comparisons: u16,
+}
+
+impl WorkLimits {
+    /// Those of a tracker that is not started.
+    pub(crate) const NONE: Self = Self { frame: 0, comparisons: 0 };
+}
+
+impl Default for WorkLimits {
+    fn default() -> Self {
+        Self { frame: MOST_WORK, comparisons: 64 }
+    }
+}
+
+written!(WorkLimits { frame, comparisons });
 
 impl Default for Config {
     /// The published set-up: a tag at 1 cm per cycle in a room, a 2 GHz radio, 40 actions of which 20 planned.
@@ -138,6 +169,7 @@ impl Default for Config {
                 per_anchor: false,
                 rendezvous: None,
             },
+            work: WorkLimits::default(),
         }
     }
 }
@@ -157,6 +189,7 @@ impl Config {
         exact_map: false,
         estimator: EstimatorSettings::NONE,
         radio: Radio::NONE,
+        work: WorkLimits::NONE,
         controller: ControllerSettings {
             reward: Reward::InformationGain,
             learning: Learning { rate: 0.0, experience_rate: 0.0, discount: 0.0, bootstrap: false },
@@ -270,6 +303,7 @@ impl Config {
             estimator,
             radio,
             controller,
+            work,
         } = self;
         within(motion.acceleration_density_m2_s3, 1e-12, 1e4, Setting::AccelerationDensity)?;
         within(motion.velocity_decay_s, 0.1, f32::INFINITY, Setting::VelocityDecay)?;
@@ -297,7 +331,6 @@ impl Config {
             outages_per_s,
             returns_per_s,
             split_above_m,
-            comparisons,
             walls_bar_ways: _,
             walls_hide_paths: _,
             reads_below_threshold: _,
@@ -307,7 +340,10 @@ impl Config {
         within(outages_per_s, 0.0, 10.0, Setting::Outages)?;
         within(returns_per_s, 1e-3, 100.0, Setting::Outages)?;
         within(split_above_m, 0.01, 100.0, Setting::SplitAbove)?;
-        within(f32::from(comparisons), 1.0, f32::from(u16::MAX), Setting::Comparisons)?;
+        within(f32::from(work.comparisons), 1.0, f32::from(u16::MAX), Setting::Comparisons)?;
+        if !(10_000..=1_000_000_000).contains(&work.frame) {
+            return Err(Error::Configuration(Setting::FrameWork));
+        }
         let ChannelMemorySettings {
             forgetting_per_s,
             energy_walk_per_s,
@@ -343,11 +379,10 @@ impl Config {
             within(full_scale, 1e-12, 1e12, Setting::FullScale)?;
         }
         within(radio.false_paths_per_frame, 1e-4, 10.0, Setting::FalsePaths)?;
-        let EstimatorSettings { dense_decay_s, dense_decay_pulses, strong_sinr, merge_pulses, .. } =
+        let EstimatorSettings { dense_decay_s, dense_decay_pulses, merge_pulses, .. } =
             *estimator;
         within(dense_decay_s, 0.99e-9, 1.01e-7, Setting::DenseDecay)?;
         within(dense_decay_pulses, 2.0, 100.0, Setting::DenseDecay)?;
-        within(strong_sinr, 10.0, 1e6, Setting::StrongSinr)?;
         within(merge_pulses, 0.05, 1.0, Setting::MergeDistance)?;
         within(controller.learning.rate, 0.0, 1.0, Setting::LearningRate)?;
         within(controller.learning.experience_rate, 0.0, 1.0, Setting::LearningRate)?;
@@ -379,7 +414,8 @@ written!(Config {
     exact_map,
     estimator,
     radio,
-    controller
+    controller,
+    work
 });
 
 #[cfg(test)]

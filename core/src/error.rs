@@ -195,7 +195,7 @@ pub enum Setting {
     FullScale,
     FalsePaths,
     DenseDecay,
-    StrongSinr,
+    FrameWork,
     MergeDistance,
     Carrier,
     LibraryEmpty,

@@ -32,8 +32,10 @@ pub struct CycleReport {
     pub measurements: u32,
     /// Paths or ranges received that were left out because a scan keeps no more than `PATHS`, searching or not.
     pub left_out: u32,
+    /// Frames whose estimate was ended by [`WorkLimits::frame`](crate::config::WorkLimits::frame): weak paths may be missing.
+    pub cut_short: u32,
     /// Established components of the belief that counted and found no room: each was joined with the nearest one. There is room for
-    /// as many as the belief has, and for as many as [`crate::perceptor::belief::BeliefSettings::comparisons`] allows.
+    /// as many as the belief has, and for as many as [`WorkLimits::comparisons`](crate::config::WorkLimits::comparisons) allows.
     pub crowded_out: u32,
     /// Of the measurements, how many more likely than not belong to a known feature.
     pub associated: u32,

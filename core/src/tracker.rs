@@ -189,7 +189,7 @@ impl<
         let unheard_s = receiver.unheard_s(scans);
 
         observer.stage(Stage::Predict);
-        belief.begin(scans.len());
+        belief.begin(scans.len(), config.work.comparisons);
         let last = belief.leader().agent();
         belief.predict(elapsed_s, is_heard.then_some(unheard_s));
         let predicted = belief.leader().agent();
@@ -321,6 +321,7 @@ impl<
             anchors_heard: heard.anchors,
             measurements: heard.measurements,
             left_out: scans.iter().fold(0, |sum, scan| sum + scan.left_out),
+            cut_short: scans.iter().fold(0, |sum, scan| sum + u32::from(scan.cut_short)),
             crowded_out: belief.crowded_out(),
             associated: heard.associated,
             searching,

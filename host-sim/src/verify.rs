@@ -604,6 +604,7 @@ impl Comparison {
             ("anchors heard", a.anchors_heard, b.anchors_heard),
             ("measurements", a.measurements, b.measurements),
             ("left out", a.left_out, b.left_out),
+            ("cut short", a.cut_short, b.cut_short),
             ("crowded out", a.crowded_out, b.crowded_out),
             ("associated", a.associated, b.associated),
             ("searching", u32::from(a.searching), u32::from(b.searching)),
@@ -1400,7 +1401,7 @@ mod tests {
             (free, true, false),
         ] {
             let mut setup = setup(&recording);
-            setup.config.belief.comparisons = comparisons;
+            setup.config.work.comparisons = comparisons;
             setup.config.belief.walls_bar_ways = bar;
             setup.config.belief.walls_hide_paths = hide;
             let covered = verified(&setup, &recording).covered;

@@ -325,13 +325,13 @@ fn configurations_out_of_range_are_refused() {
     refuse(|c| c.radio.false_paths_per_frame = 0.0, Setting::FalsePaths);
     refuse(|c| c.estimator.dense_decay_s = 1e-10, Setting::DenseDecay);
     refuse(|c| c.estimator.dense_decay_pulses = 0.0, Setting::DenseDecay);
-    refuse(|c| c.estimator.strong_sinr = 1.0, Setting::StrongSinr);
+    refuse(|c| c.work.frame = 9_999, Setting::FrameWork);
     refuse(|c| c.estimator.merge_pulses = f32::NAN, Setting::MergeDistance);
     refuse(|c| c.belief.elsewhere_per_s = 0.0, Setting::Elsewhere);
     refuse(|c| c.belief.outages_per_s = -1.0, Setting::Outages);
     refuse(|c| c.belief.returns_per_s = 0.0, Setting::Outages);
     refuse(|c| c.belief.split_above_m = 0.0, Setting::SplitAbove);
-    refuse(|c| c.belief.comparisons = 0, Setting::Comparisons);
+    refuse(|c| c.work.comparisons = 0, Setting::Comparisons);
     refuse(|c| c.discovery_settings.begin_below_m = 2.0, Setting::DiscoveryBegin);
     refuse(|c| c.discovery_settings.resolved_hits = 1, Setting::DiscoveryHits);
     refuse(|c| c.discovery_settings.resolved_weight = 1.0, Setting::DiscoveryWeight);

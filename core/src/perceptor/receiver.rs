@@ -94,7 +94,9 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         ranging: Ranging,
         pulse: Pulse,
         leaves: bool,
+        most_work: u32,
     ) {
+        self.estimator.limit_work(most_work);
         let (spacing_s, samples) = (radio.sample_spacing_s, radio.samples_per_frame);
         self.estimator.start(pulse, spacing_s, samples, radio.false_paths_per_frame, estimator_settings);
         self.threshold = self.estimator.threshold(&Samples::Complex(&[]));
@@ -253,6 +255,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
             estimator.leave(frame.samples, frame.first_sample_delay_s, &estimate, longest_m, residual);
         }
         scan.action = frame.action;
+        scan.cut_short = estimator.is_cut_short(&estimate);
         let pulse_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         scan.frame = Some(FrameLevel {
             level: estimate.noise,

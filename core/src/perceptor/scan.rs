@@ -45,6 +45,8 @@ pub struct Scan<const PATHS: usize> {
     pub frame: Option<FrameLevel>,
     /// Ranges and paths that there was no room for.
     pub left_out: u32,
+    /// Whether the estimate of the frame was ended for its work.
+    pub cut_short: bool,
     /// How many of the measurements are ranges.
     ranges: usize,
 }
@@ -52,7 +54,8 @@ pub struct Scan<const PATHS: usize> {
 impl<const PATHS: usize> Scan<PATHS> {
     /// Nothing delivered yet, `elapsed_s` seconds after the last scan.
     pub fn new(anchor: usize, action: usize, elapsed_s: f32) -> Self {
-        Self { anchor, action, elapsed_s, measurements: Vec::new(), frame: None, left_out: 0, ranges: 0 }
+        let measurements = Vec::new();
+        Self { anchor, action, elapsed_s, measurements, frame: None, left_out: 0, cut_short: false, ranges: 0 }
     }
 
     /// Whether a frame was received.

@@ -154,7 +154,7 @@ impl<
         *digest = map.digest();
         let own = &*own;
         let Config { start, ranging, .. } = own;
-        receiver.start(own.radio, own.estimator, *ranging, pulse, own.belief.reads_below_threshold);
+        receiver.start(own.radio, own.estimator, *ranging, pulse, own.belief.reads_below_threshold, own.work.frame);
         environment.start();
         let reached = Region::reached(own_anchors, ranging.max_range_m);
         let region = Region::inside(plan.outline_m()).unwrap_or(reached);

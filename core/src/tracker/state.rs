@@ -294,6 +294,7 @@ impl<
             hash.word(scan.action as u32);
             hash.word(u32::from(scan.is_framed()));
             hash.word(scan.left_out);
+            hash.word(u32::from(scan.cut_short));
             hash.word(scan.measurements.len() as u32);
             for measurement in &scan.measurements {
                 let Measurement { range_m, variance_m2, sinr, energy, false_alarm } = *measurement;

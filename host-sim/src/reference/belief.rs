@@ -164,9 +164,9 @@ impl<T: Real> Belief<T> {
     }
 
     /// A cycle of so many scans begins: it has work for this many components.
-    pub fn begin(&mut self, scans: usize) {
+    pub fn begin(&mut self, scans: usize, comparisons: u16) {
         self.crowded_out = 0;
-        self.slots = (usize::from(self.settings.comparisons) / scans.max(1)).max(2).min(self.capacity);
+        self.slots = (usize::from(comparisons) / scans.max(1)).max(2).min(self.capacity);
         if scans > 0 && self.components.len() > self.slots {
             self.reduce();
             self.normalise();

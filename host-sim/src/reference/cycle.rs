@@ -69,6 +69,7 @@ pub struct Report<T> {
     pub anchors_heard: u32,
     pub measurements: u32,
     pub left_out: u32,
+    pub cut_short: u32,
     /// Components that counted and found no room.
     pub crowded_out: u32,
     pub associated: u32,
@@ -238,7 +239,7 @@ impl<T: Real> Reference<T> {
             receiver.receive(observations, elapsed_s, &links, channel.losses_ln(), library);
 
         // Predict.
-        belief.begin(scans.len());
+        belief.begin(scans.len(), config.work.comparisons);
         let last = belief.leading().agent();
         let unheard_s = receiver.unheard_s(&scans);
         let is_heard = !scans.is_empty();
@@ -381,6 +382,7 @@ impl<T: Real> Reference<T> {
             measurements: free.len() as u32,
             crowded_out: belief.crowded_out,
             left_out: heard.iter().map(|scan| scan.left_out).sum(),
+            cut_short: heard.iter().map(|scan| u32::from(scan.cut_short)).sum(),
             associated: free.iter().filter(|free| **free <= T::of(0.5)).count() as u32,
             searching,
             lost: searching && !was_searching,

@@ -34,6 +34,8 @@ pub struct Scan<T> {
     pub frame: Option<Level<T>>,
     /// Ranges and paths that there was no room for.
     pub left_out: u32,
+    /// Whether the estimate of the frame was ended for its work.
+    pub cut_short: bool,
 }
 
 /// What the paths of a frame stand out of.
@@ -90,6 +92,7 @@ pub struct Link {
 pub struct Receiver<T> {
     radio: Radio,
     settings: EstimatorSettings,
+    most_work: u32,
     ranging: Ranging,
     /// Most measurements of a scan, and most points of what is left of a frame.
     room: usize,
@@ -112,6 +115,7 @@ impl<T: Real> Receiver<T> {
         let mut receiver = Self {
             radio: config.radio,
             settings: config.estimator,
+            most_work: config.work.frame,
             ranging: config.ranging,
             room,
             points: if config.belief.reads_below_threshold { points } else { 0 },
@@ -152,6 +156,7 @@ impl<T: Real> Receiver<T> {
                 measurements: Vec::new(),
                 frame: None,
                 left_out: 0,
+                cut_short: false,
             };
             // Ranges first: they outrank the paths near them.
             for observation in &mine {
@@ -258,6 +263,7 @@ impl<T: Real> Receiver<T> {
             }
         }
         scan.action = frame.action;
+        scan.cut_short = estimate.cut_short;
         scan.frame = Some(Level {
             noise: estimate.noise.clone(),
             first_sample_delay_s,
@@ -306,7 +312,7 @@ impl<T: Real> Receiver<T> {
             Some(index) => index,
             None => {
                 let radio = &self.radio;
-                let estimator = ChannelEstimator::new(
+                let mut estimator = ChannelEstimator::new(
                     pulse.clone(),
                     T::of(radio.sample_spacing_s),
                     radio.samples_per_frame,
@@ -314,6 +320,7 @@ impl<T: Real> Receiver<T> {
                     self.room,
                     self.settings,
                 );
+                estimator.most_work = self.most_work;
                 self.estimators.push((pulse.clone(), estimator));
                 self.estimators.len() - 1
             }

@@ -52,9 +52,6 @@ pub struct BeliefSettings {
     pub outages_per_s: f32,
     /// How soon an outage ends, per second (1e-3 to 100). More believes an anchor sooner.
     pub returns_per_s: f32,
-    /// How often components are compared with scans in a cycle at most (1 to 65,535), each scan with two at least: what bounds the
-    /// work. Where more is heard, fewer components are carried. Less: a lost tag is found later, and one of two places may be dropped.
-    pub comparisons: u16,
     /// Whether nobody walks through the walls of the plan.
     pub walls_bar_ways: bool,
     /// Whether the walls of the plan hide paths, and end where it tells.
@@ -71,7 +68,6 @@ impl BeliefSettings {
         split_above_m: 0.0,
         outages_per_s: 0.0,
         returns_per_s: 0.0,
-        comparisons: 0,
         walls_bar_ways: false,
         walls_hide_paths: false,
         reads_below_threshold: false,
@@ -86,7 +82,6 @@ impl Default for BeliefSettings {
             split_above_m: 0.2,
             outages_per_s: 0.2,
             returns_per_s: 5.0,
-            comparisons: 64,
             walls_bar_ways: true,
             walls_hide_paths: true,
             reads_below_threshold: true,
@@ -297,10 +292,11 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         self.crowded_out
     }
 
-    /// Begins a cycle in which so many scans are heard: it has work for that many components, two at least.
-    pub fn begin(&mut self, scans: usize) {
+    /// Begins a cycle in which so many scans are heard, and components compared with scans so often at most: it has work for that many
+    /// components, two at least.
+    pub fn begin(&mut self, scans: usize, comparisons: u16) {
         self.crowded_out = 0;
-        self.slots = (usize::from(self.settings.comparisons) / scans.max(1)).max(2).min(COMPONENTS);
+        self.slots = (usize::from(comparisons) / scans.max(1)).max(2).min(COMPONENTS);
         if scans > 0 && self.components.len() > self.slots {
             self.reduce();
             self.normalise();
@@ -577,7 +573,6 @@ written!(BeliefSettings {
     split_above_m,
     outages_per_s,
     returns_per_s,
-    comparisons,
     walls_bar_ways,
     walls_hide_paths,
     reads_below_threshold
@@ -664,7 +659,7 @@ mod tests {
 
         /// One cycle in which so many anchors are heard from a tag here. Returns how far off it is believed to be, metres.
         fn hear(&mut self, anchors: usize, truth_m: [f32; 2]) -> f32 {
-            self.belief.begin(anchors);
+            self.belief.begin(anchors, u16::MAX);
             self.belief.predict(CYCLE_S, Some(CYCLE_S));
             let scans: std::vec::Vec<Scan<4>> =
                 (0..anchors).map(|anchor| self.scan(anchor, truth_m)).collect();
@@ -971,12 +966,12 @@ mod tests {
         for (comparisons, scans, most) in
             [(100, 2, 8), (16, 2, 8), (15, 2, 7), (6, 2, 3), (3, 2, 2), (1, 3, 2)]
         {
-            let settings = BeliefSettings { comparisons, split_above_m: 0.1, ..BeliefSettings::default() };
+            let settings = BeliefSettings { split_above_m: 0.1, ..BeliefSettings::default() };
             let start = filter([4.0, 0.0], 3.0);
             let mut belief = TagBelief::<3, 2, 8>::new(start, SPEED_M_S, REGION, settings);
             let mut crowded_out = 0;
             for _ in 0..10 {
-                belief.begin(scans);
+                belief.begin(scans, comparisons);
                 belief.predict(0.1, Some(0.1));
                 for x in [3.0, 9.0, 15.0] {
                     belief.enter(&Proposal {

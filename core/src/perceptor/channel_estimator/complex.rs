@@ -30,6 +30,8 @@ use heapless::Vec;
 /// Guard: against subtraction errors of a strong path, which look like dense multipath: half the width that the fit of the
 /// level leaves out around it, pulse durations.
 pub const SKIP_PULSES: f32 = 1.5;
+/// Guard: against the same: SINR above which it leaves that out.
+pub const STRONG_SINR: f32 = 316.0;
 /// Guard: against missing a path between two samples, where it has lost up to 1.2 dB: share of kappa from which on a sample is
 /// looked at.
 pub const SCALLOPING: f32 = 0.7;
@@ -115,7 +117,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         }
         let mut refined = false;
         for _ in 0..PATHS + SPARE_ROUNDS {
-            if fit.work.is_used_up() {
+            if fit.work.is_used_up(self.most_work) {
                 break;
             }
             if refined {
@@ -173,7 +175,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// Moves delays until they stand still.
     fn move_until_still(&mut self) {
         for _ in 0..PASSES {
-            if self.work.is_used_up() || !self.move_delays() {
+            if self.work.is_used_up(self.estimator.most_work) || !self.move_delays() {
                 break;
             }
             self.settle();
@@ -200,8 +202,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         self.work.add_pass(LEVEL, self.samples.len(), self.reached());
         let table = &self.estimator.table;
         let skip = SKIP_PULSES * table.samples_per_pulse();
-        let strong = self.estimator.settings.strong_sinr;
-        let mut reach = Reach::new(&self.components);
+                let mut reach = Reach::new(&self.components);
         self.noise.refine(&self.steps, &COMPLEX_CUT, self.floor, |Cell { node, from, to }, cut| {
             let (_, active, until) = reach.at(from);
             if active.is_empty()
@@ -225,7 +226,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                         let mut near_strong = false;
                         for component in active {
                             let lag = n as f32 - component.position;
-                            near_strong |= component.gain > strong && abs(lag) < skip;
+                            near_strong |= component.gain > STRONG_SINR && abs(lag) < skip;
                             let r = table.at(lag);
                             let [a_re, a_im] = component.amplitude;
                             re -= a_re * r;

@@ -122,7 +122,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 }
                 fit.refit();
             }
-            if fit.work.is_used_up() || !fit.add_strongest() {
+            if fit.work.is_used_up(self.most_work) || !fit.add_strongest() {
                 break;
             }
         }
@@ -186,7 +186,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         let mut floor = SCALLOPING * (midway * midway) * self.threshold;
         let mut best: Option<Peak> = None;
         for (n, window) in (1..).zip(self.samples.windows(3)) {
-            if self.work.is_used_up() {
+            if self.work.is_used_up(self.estimator.most_work) {
                 break;
             }
             let &[before, here, after] = window else { continue };

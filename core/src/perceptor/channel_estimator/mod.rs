@@ -86,10 +86,6 @@ pub struct EstimatorSettings {
     /// The same in effective pulse durations (2 to 100), for long pulses; the longer of the two holds. Less: a single path
     /// lifts the level under itself and is lost in it. Found as `dense_decay_s`.
     pub dense_decay_pulses: f32,
-    /// SINR (linear, 10 to 1e6) above which the fit of the level leaves out what is around a path. Less: it has fewer samples.
-    /// More: what subtracting strong paths leaves counts as dense multipath, and hides weak paths beside them. Chosen on
-    /// simulated frames.
-    pub strong_sinr: f32,
     /// Two paths closer than this are one, pulse durations (0.05 to 1). Less: one path is now and then reported as two. More:
     /// two are reported as one. Chosen on simulated pairs of equal paths, half a pulse duration apart and more.
     pub merge_pulses: f32,
@@ -103,7 +99,6 @@ impl EstimatorSettings {
     pub(crate) const NONE: Self = Self {
         dense_decay_s: 0.0,
         dense_decay_pulses: 0.0,
-        strong_sinr: 0.0,
         merge_pulses: 0.0,
         begins_with_path: false,
     };
@@ -114,7 +109,6 @@ impl Default for EstimatorSettings {
         Self {
             dense_decay_s: 8e-9,
             dense_decay_pulses: 11.4,
-            strong_sinr: 316.0,
             merge_pulses: 0.3,
             begins_with_path: false,
         }
@@ -136,6 +130,7 @@ pub struct ChannelEstimator<const PATHS: usize> {
     /// kappa of a path at the beginning.
     beginning_threshold: f32,
     settings: EstimatorSettings,
+    most_work: u32,
 }
 
 /// Capacity: rounds of the search beyond `PATHS`, which bound its time; a round may drop a path.
@@ -175,7 +170,18 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             magnitude_threshold: 0.0,
             beginning_threshold: 0.0,
             settings: EstimatorSettings::NONE,
+            most_work: MOST_WORK,
         }
+    }
+
+    /// From now on ends estimates that have cost this much ([`work`]); [`MOST_WORK`] without.
+    pub fn limit_work(&mut self, most_work: u32) {
+        self.most_work = most_work;
+    }
+
+    /// Whether an estimate was ended for its work.
+    pub fn is_cut_short(&self, estimate: &ChannelEstimate<PATHS>) -> bool {
+        estimate.work >= self.most_work
     }
 
     /// As [`Self::new`], where it stays.
@@ -316,7 +322,6 @@ fn fitted_samples(pulse: &Pulse, profile: &Profile) -> f32 {
 written!(EstimatorSettings {
     dense_decay_s,
     dense_decay_pulses,
-    strong_sinr,
     merge_pulses,
     begins_with_path
 });

@@ -1,11 +1,10 @@
 //! What a frame costs: counted while it is estimated, about in instructions of a Cortex-M4F, and bounded.
 //!
-//! Where a frame has cost [`MOST_WORK`], nothing is moved or added any more: what is in hand is ended (one pass of moves, one agreement of
+//! Where a frame has cost as much as it may ([`crate::config::WorkLimits::frame`]), nothing is moved or added any more: what is in hand is ended (one pass of moves, one agreement of
 //! all paths, one look at a maximum), the level is refined once if it was not, and the paths found so far are the estimate. Counted is
 //! what grows with samples and paths; what each frame costs once is not.
 
-/// Capacity: work on a frame after which nothing more is begun. Less: the weakest of many paths are missed in crowded frames. More: a
-/// longer cycle.
+/// Capacity: work on a frame after which nothing more is begun, where nothing else is told.
 pub const MOST_WORK: u32 = 2_000_000;
 /// Mathematics: cost of a sample in a pass of the level's fit, and what each path that reaches it adds.
 pub const LEVEL: [u32; 2] = [40, 25];
@@ -33,8 +32,8 @@ impl Work {
     }
 
     /// Whether nothing more may be begun.
-    pub fn is_used_up(&self) -> bool {
-        self.done >= MOST_WORK
+    pub fn is_used_up(&self, most: u32) -> bool {
+        self.done >= most
     }
 
     /// Counts one thing that is done, beside so many paths.

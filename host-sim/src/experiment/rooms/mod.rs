@@ -69,7 +69,7 @@ pub fn run_room(
     }
     let mut setup = Setup::new(&recording, file, None)?;
     for setting in settings {
-        setting.apply(&mut setup.config.belief, setup.anchors.len());
+        setting.apply(&mut setup.config, setup.anchors.len());
     }
     let trackers = run_recording(&recording, &setup, file, trackers, &judging)?;
     Ok(RoomRuns { drawn: room.drawn, trackers })

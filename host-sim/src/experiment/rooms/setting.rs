@@ -1,10 +1,10 @@
 //! A setting of the belief that is changed for an experiment: what each part of it is worth.
 
-use cogmint_core::perceptor::belief::BeliefSettings;
+use cogmint_core::Config;
 use std::fmt;
 use std::str::FromStr;
 
-/// A setting of [`BeliefSettings`] and its value.
+/// A setting of the belief, or of its work, and its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeliefSetting {
     name: Name,
@@ -59,8 +59,9 @@ impl Name {
 
 impl BeliefSetting {
     /// Changes the settings of a tracker that hears so many anchors. What is out of range is left for the core to refuse.
-    pub fn apply(self, settings: &mut BeliefSettings, anchors: usize) {
+    pub fn apply(self, config: &mut Config, anchors: usize) {
         let Self { name, value } = self;
+        let Config { belief: settings, work, .. } = config;
         match name {
             Name::Turns => settings.turns_per_s = value,
             Name::Elsewhere => settings.elsewhere_per_s = value,
@@ -68,8 +69,8 @@ impl BeliefSetting {
             Name::Outages => settings.outages_per_s = value,
             Name::Returns => settings.returns_per_s = value,
             // A cast that saturates.
-            Name::Comparisons => settings.comparisons = value as u16,
-            Name::Components => settings.comparisons = (value * anchors as f32) as u16,
+            Name::Comparisons => work.comparisons = value as u16,
+            Name::Components => work.comparisons = (value * anchors as f32) as u16,
             Name::WallsBarWays => settings.walls_bar_ways = value != 0.0,
             Name::WallsHidePaths => settings.walls_hide_paths = value != 0.0,
             Name::ReadsBelowThreshold => settings.reads_below_threshold = value != 0.0,
@@ -117,7 +118,7 @@ mod tests {
 
     #[test]
     fn every_setting_is_read_and_changes_itself_alone() {
-        let usual = BeliefSettings::default();
+        let usual = Config::default();
         let mut seen = Vec::new();
         for name in Name::ALL {
             let value = match name {
@@ -135,7 +136,7 @@ mod tests {
         assert_eq!("walls_bar_ways=false".parse::<BeliefSetting>(), "walls_bar_ways=0".parse());
         let mut changed = usual;
         BeliefSetting { name: Name::Components, value: 8.0 }.apply(&mut changed, 4);
-        assert_eq!(changed.comparisons, 32);
+        assert_eq!(changed.work.comparisons, 32);
     }
 
     #[test]

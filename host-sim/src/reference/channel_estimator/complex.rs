@@ -20,10 +20,10 @@ use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 use cogmint_core::perceptor::channel_estimator::complex::{
     DOUBTFUL, FIRST_REFINEMENTS, LEAST_PRIOR, PASSES, REACH_PULSES, REFINEMENTS, RIDGE, SCALLOPING,
-    SKIP_PULSES, SMALLEST_S, STILL_SAMPLES,
+    SKIP_PULSES, SMALLEST_S, STILL_SAMPLES, STRONG_SINR,
 };
 use cogmint_core::perceptor::channel_estimator::noise::COMPLEX_CUT;
-use cogmint_core::perceptor::channel_estimator::work::{INVERSE, LEVEL, MOST_WORK, MOVE, SEARCH};
+use cogmint_core::perceptor::channel_estimator::work::{INVERSE, LEVEL, MOVE, SEARCH};
 use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
 
 /// A path in the making.
@@ -58,7 +58,7 @@ struct Fit<'a, T> {
     posterior: Matrix<T>,
     /// kappa of further components.
     threshold: T,
-    /// Cost so far: see [`MOST_WORK`].
+    /// Cost so far.
     work: u32,
 }
 
@@ -66,7 +66,7 @@ pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[[T; 2]],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>, T) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T, u32) {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
     let white = white_level(&powers);
     let begins = beginning(estimator, &powers, estimator.fitted_threshold * white);
@@ -110,7 +110,7 @@ pub(super) fn estimate<T: Real>(
     }
     let mut refined = false;
     for _ in 0..estimator.most_paths + SPARE_ROUNDS {
-        if fit.work >= MOST_WORK {
+        if fit.work >= estimator.most_work {
             break;
         }
         if refined {
@@ -143,7 +143,7 @@ impl<T: Real> Fit<'_, T> {
     /// Moves and settles until everything stands still.
     fn move_until_still(&mut self) {
         for _ in 0..PASSES {
-            if self.work >= MOST_WORK || !self.move_delays() {
+            if self.work >= self.estimator.most_work || !self.move_delays() {
                 break;
             }
             self.settle();
@@ -200,7 +200,7 @@ impl<T: Real> Fit<'_, T> {
         let mut powers = Vec::new();
         for n in 0..residual.len() {
             let near_strong = self.components.iter().any(|component| {
-                component.gain > T::of(self.estimator.settings.strong_sinr)
+                component.gain > T::of(STRONG_SINR)
                     && abs(T::of_count(n) - component.position) < skip
             });
             powers.push(if near_strong { None } else { Some(residual[n]) });
@@ -461,7 +461,7 @@ impl<T: Real> Fit<'_, T> {
     }
 
     /// The paths, with amplitudes by least squares (no prior).
-    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>, T) {
+    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>, T, u32) {
         let inverse = inverse(&self.gram(|_| T::of(RIDGE)));
         let mut paths = Vec::new();
         for k in 0..self.components.len() {
@@ -477,6 +477,6 @@ impl<T: Real> Fit<'_, T> {
             let sinr = larger(component.gain - T::ONE, T::of(LEAST_SINR));
             paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
         }
-        (paths, self.noise, self.threshold)
+        (paths, self.noise, self.threshold, self.work)
     }
 }

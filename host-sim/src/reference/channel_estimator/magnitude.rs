@@ -17,7 +17,7 @@ use cogmint_core::perceptor::channel_estimator::magnitude::{
     EXPLAINED, FIRST_REFINEMENTS, OWN_PULSES, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
 };
 use cogmint_core::perceptor::channel_estimator::noise::MAGNITUDE_CUT;
-use cogmint_core::perceptor::channel_estimator::work::{FIT, LEVEL, MAXIMUM, MOST_WORK};
+use cogmint_core::perceptor::channel_estimator::work::{FIT, LEVEL, MAXIMUM};
 
 #[derive(Clone, Copy, Debug)]
 struct Peak<T> {
@@ -36,7 +36,7 @@ pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[T],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>, T) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T, u32) {
     let num = T::of;
     let powers: Vec<T> = samples.iter().map(|sample| square(*sample)).collect();
     let mut strongest = T::ZERO;
@@ -80,7 +80,7 @@ pub(super) fn estimate<T: Real>(
             }
             work += refit(estimator, samples, &noise, &mut peaks);
         }
-        if work >= MOST_WORK {
+        if work >= estimator.most_work {
             break;
         }
         let peak = strongest_peak(estimator, samples, &noise, &peaks, kappa, &mut work);
@@ -96,7 +96,7 @@ pub(super) fn estimate<T: Real>(
         let sinr = square(peak.amplitude) / level - num(0.5);
         estimator.path(peak.position, first_sample_delay_s, [peak.amplitude, T::ZERO], sinr)
     });
-    (paths.collect(), noise, kappa)
+    (paths.collect(), noise, kappa, work)
 }
 
 /// The powers that tell the level: those in which no path has much energy.
@@ -127,7 +127,7 @@ fn strongest_peak<T: Real>(
     let mut floor = share * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
-        if *work >= MOST_WORK {
+        if *work >= estimator.most_work {
             break;
         }
         let at = T::of_count(n);

@@ -18,6 +18,7 @@ use super::real::{Real, larger, limited, ln, pi, speed_of_light, sqrt, square};
 use cogmint_core::model::observation::Samples;
 use cogmint_core::perceptor::channel_estimator::beginning::BEGINNING_SHARE;
 use cogmint_core::perceptor::channel_estimator::noise::{COMPLEX_CUT, Cut, LENGTH_DECAYS, MAGNITUDE_CUT};
+use cogmint_core::perceptor::channel_estimator::work::MOST_WORK;
 use cogmint_core::perceptor::channel_estimator::{EstimatorSettings, LEAST_SINR, MOST_SINR};
 use interpolation::Interpolation;
 
@@ -48,6 +49,8 @@ pub struct ChannelEstimate<T> {
     pub dense: DenseMultipath<T>,
     /// kappa in this frame.
     pub threshold: T,
+    /// Whether it was ended for its work.
+    pub cut_short: bool,
 }
 
 /// An estimator for one pulse and sample spacing.
@@ -67,6 +70,8 @@ pub struct ChannelEstimator<T> {
     beginning_threshold: T,
     /// Most paths reported.
     most_paths: usize,
+    /// Most work on a frame.
+    pub most_work: u32,
     settings: EstimatorSettings,
 }
 
@@ -105,6 +110,7 @@ impl<T: Real> ChannelEstimator<T> {
             magnitude_threshold: fitted(&MAGNITUDE_CUT),
             beginning_threshold: beginning::beside(kappa(num(BEGINNING_SHARE) * false_paths), worth),
             most_paths,
+            most_work: MOST_WORK,
             settings,
         }
     }
@@ -124,7 +130,7 @@ impl<T: Real> ChannelEstimator<T> {
 
     /// Estimates a frame's paths.
     pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: T) -> ChannelEstimate<T> {
-        let (paths, noise, threshold) = match samples {
+        let (paths, noise, threshold, work) = match samples {
             Samples::Complex(samples) => {
                 let samples: Vec<[T; 2]> = samples.iter().map(|sample| sample.map(T::of)).collect();
                 complex::estimate(self, &samples, first_sample_delay_s)
@@ -139,7 +145,7 @@ impl<T: Real> ChannelEstimator<T> {
             self.sample_spacing_s,
             self.pulse.effective_duration_s(),
         );
-        ChannelEstimate { paths, noise, dense, threshold }
+        ChannelEstimate { paths, noise, dense, threshold, cut_short: work >= self.most_work }
     }
 
     /// The noise that a fit begins with.
