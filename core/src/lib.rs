@@ -70,6 +70,11 @@ pub mod tracker;
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+/// The vectors and matrices of public fields and functions: the report's covariances, the state of filter and belief, images, information,
+/// planning. Take them from here: they are then the ones that this crate was built with. nalgebra 0.35, without `std`; another minor version of
+/// it is another minor version of this crate (a major one from 1.0 on).
+pub use nalgebra;
+
 pub use config::{Config, Variant};
 pub use error::{Error, Setting};
 pub use model::anchor::{Anchor, MappedVirtualAnchor};
