@@ -239,7 +239,7 @@ impl<
         let is_intact = self.is_as_sealed(Part::Cycle);
         self.lever_arm_m = lever_arm_m;
         if is_intact {
-            self.seals.renew(Part::Cycle, self.seal_of(Part::Cycle));
+            self.seals = self.seals.renewed(Part::Cycle, self.seal_of(Part::Cycle));
         }
         Ok(())
     }

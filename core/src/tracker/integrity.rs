@@ -59,9 +59,11 @@ impl<const COMPONENTS: usize> Seals<COMPONENTS> {
     }
 
     /// A part other than the belief was changed from outside, and was as sealed before.
-    pub(super) fn renew(&mut self, part: Part, sealed: Sealed) {
-        let places = Part::ALL.into_iter().skip(1).zip(&mut self.parts);
+    pub(super) fn renewed(self, part: Part, sealed: Sealed) -> Self {
+        let mut parts = self.parts;
+        let places = Part::ALL.into_iter().skip(1).zip(&mut parts);
         places.filter(|(own, _)| *own == part).for_each(|(_, place)| *place = Some(sealed));
+        Self { parts, ..self }
     }
 
     /// What was told was changed: this is its seal.
