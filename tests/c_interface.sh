@@ -4,7 +4,7 @@
 #
 #   bash tests/c_interface.sh [--cycles N]
 #
-# The trace is that of the seminar room told by its walls. Exit code 0 only when the header is fresh, the examples end well, all hashes are
+# The trace is that of the seminar room told by its walls; behind it, the map that was learnt goes into a tracker that is started anew. Exit code 0 only when the header is fresh, the examples end well, all hashes are
 # equal and no function of the header can panic.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -56,6 +56,11 @@ record_room "$cycles" "$work/room"
 cargo run --quiet --locked --release -- \
   trace --recording "$work/room" --cycles "$cycles" --feed "$work/feed.bin" >"$work/host.txt"
 
+cargo run --quiet --locked --release -p cogmint-tests --example map_carried -- "$work/room" "$cycles" >"$work/carried.txt"
+grep '^map ' "$work/carried.txt" >"$work/map.txt"
+without=$(grep '^without ' "$work/carried.txt")
+[ "${without##* }" != "$(sed 's/.* //' "$work/map.txt")" ] || { say "a map makes no difference"; exit 1; }
+
 # Compares the hashes of a replay with those of the trace.
 compare() {
   sed -n 's/^cycle \([0-9]*\) hash \([0-9a-f]*\)$/\1 \2/p' "$1" >"$work/hashes.txt"
@@ -64,7 +69,13 @@ compare() {
     say "$2: hashes differ from the trace's"
     exit 1
   fi
-  echo "$2: $cycles of $cycles hashes equal"
+  # The map alone in a tracker that is started anew, and what a cycle makes of it; without it, that would be something else.
+  if ! grep '^map ' "$1" | cmp - "$work/map.txt" >&2 || grep -qF "${without##* }" "$1"; then
+    grep -h '^error' "$1" >&2 || true
+    say "$2: a map carried over is not what Rust makes of it"
+    exit 1
+  fi
+  echo "$2: $cycles of $cycles hashes equal, and that of a map carried over"
 }
 
 (cd "$work" && ./replay) >"$work/replay.txt" || { cat "$work/replay.txt" >&2; say "the replay on the host failed"; exit 1; }

@@ -8,7 +8,8 @@
 # filter alone with 26 ranges per step, of 24 virtual anchors as published and of 24 images in 8 walls; images and availability
 # alone, 24 sources over 8 walls; planning alone, 20 actions over one and five cycles; and two smaller trackers, of four DW3000 anchors
 # and of one: what they take of RAM.
-# Then tests/target_meters.sh: the firmware's meters must fail where they cannot measure.
+# Then tests/radio_on_target.sh, the tracker over a radio that does what it is told, and tests/target_meters.sh: the firmware's meters must
+# fail where they cannot measure.
 #
 # Exit code 0 only when all hashes are equal, no panic symbol is linked, the state filter and planning are within their
 # budgets, no stack is used up and every planted failure of the meters is reported.
@@ -116,4 +117,5 @@ cargo run --quiet --locked --release -p cogmint-tests --example target_report --
   --four-image "$images/four_anchors" --four-host "$work/four/host.txt" --four-log "$work/four/target.txt" \
   --one-image "$images/one_anchor" --one-host "$work/one/host.txt" --one-log "$work/one/target.txt" $json
 
+bash tests/radio_on_target.sh
 bash tests/target_meters.sh

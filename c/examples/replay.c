@@ -1,5 +1,8 @@
 /* Replays a feed, which `cogmint trace --feed FILE` writes, and prints the hash over all state after every cycle: it has to be that of the
- * trace. firmware-stub/src/feed.rs documents the layout of a feed. */
+ * trace. firmware-stub/src/feed.rs documents the layout of a feed.
+ *
+ * Then the map alone goes into a tracker that is started anew: what it makes of that has to be what Rust makes of it
+ * (tests/examples/map_carried.rs). */
 
 #include <stdint.h>
 #include <string.h>
@@ -9,6 +12,8 @@
 
 /* Little-endian "COG4". */
 #define MAGIC 0x34474f43u
+/* Room for a map: some 20 bytes per source, 60 per surface, 16 per pair of surfaces. */
+#define MOST_MAP_BYTES 2048
 /* Room for one frame, complex samples. */
 #define MOST_SAMPLES 1024
 
@@ -25,6 +30,13 @@ static cogmint_action actions[COGMINT_MOST_ACTIONS];
 static float outline_m[COGMINT_MOST_SEGMENTS][2];
 static cogmint_wall walls[COGMINT_MOST_SEGMENTS];
 static cogmint_segment segments[COGMINT_MOST_SEGMENTS];
+static cogmint_plan plan;
+static cogmint_map map;
+static uint32_t anchor_count;
+static uint32_t action_count;
+static uint64_t seed;
+
+static uint8_t map_bytes[MOST_MAP_BYTES];
 
 static void put_text(const char *text) { text_write(text, strlen(text)); }
 
@@ -115,47 +127,47 @@ static void read_config(void) {
 }
 
 /* False where it is larger than there is room for. */
-static bool read_plan(cogmint_plan *plan) {
-  plan->corner_count = word();
-  plan->wall_count = word();
-  plan->segment_count = word();
-  plan->turn_std_rad = number();
-  plan->reflections = word();
-  plan->most_sources = word();
-  if (plan->corner_count > COGMINT_MOST_SEGMENTS || plan->wall_count > COGMINT_MOST_SEGMENTS ||
-      plan->segment_count > COGMINT_MOST_SEGMENTS) {
+static bool read_plan(void) {
+  plan.corner_count = word();
+  plan.wall_count = word();
+  plan.segment_count = word();
+  plan.turn_std_rad = number();
+  plan.reflections = word();
+  plan.most_sources = word();
+  if (plan.corner_count > COGMINT_MOST_SEGMENTS || plan.wall_count > COGMINT_MOST_SEGMENTS ||
+      plan.segment_count > COGMINT_MOST_SEGMENTS) {
     return false;
   }
-  for (size_t i = 0; i < plan->corner_count; ++i) {
+  for (size_t i = 0; i < plan.corner_count; ++i) {
     pair(outline_m[i]);
   }
-  for (size_t i = 0; i < plan->wall_count; ++i) {
+  for (size_t i = 0; i < plan.wall_count; ++i) {
     walls[i].offset_std_m = number();
     walls[i].rotation_std_rad = number();
   }
-  for (size_t i = 0; i < plan->segment_count; ++i) {
+  for (size_t i = 0; i < plan.segment_count; ++i) {
     segments[i].wall = word();
     pair(segments[i].ends_m[0]);
     pair(segments[i].ends_m[1]);
   }
-  plan->outline_m = (const float(*)[2])outline_m;
-  plan->walls = walls;
-  plan->segments = segments;
+  plan.outline_m = (const float(*)[2])outline_m;
+  plan.walls = walls;
+  plan.segments = segments;
   return true;
 }
 
-/* Reads the set-up and starts the tracker; the number of cycles that follow. */
-static int start(cogmint_tracker **tracker, uint32_t *cycles) {
+/* Reads the set-up; the number of cycles that follow. */
+static int read_setup(uint32_t *cycles) {
   if (word() != MAGIC) {
     return fail("no feed");
   }
-  const uint32_t anchor_count = word();
-  const uint32_t virtual_anchor_count = word();
-  const uint32_t action_count = word();
+  anchor_count = word();
+  map.virtual_anchor_count = word();
+  action_count = word();
   *cycles = word();
-  const uint64_t low = word();
-  const uint64_t seed = low | (uint64_t)word() << 32;
-  if (anchor_count > COGMINT_MOST_ANCHORS || virtual_anchor_count > COGMINT_MOST_SOURCES ||
+  seed = word();
+  seed |= (uint64_t)word() << 32;
+  if (anchor_count > COGMINT_MOST_ANCHORS || map.virtual_anchor_count > COGMINT_MOST_SOURCES ||
       action_count > COGMINT_MOST_ACTIONS) {
     return fail("too large a set-up");
   }
@@ -166,15 +178,14 @@ static int start(cogmint_tracker **tracker, uint32_t *cycles) {
     anchors[i].height_m = number();
     pair(range_biases_m[i]);
   }
-  for (uint32_t i = 0; i < virtual_anchor_count; ++i) {
+  for (uint32_t i = 0; i < map.virtual_anchor_count; ++i) {
     virtual_anchors[i].anchor = word();
     pair(virtual_anchors[i].position_m);
     virtual_anchors[i].std_m = number();
   }
-  cogmint_map map = {.virtual_anchors = virtual_anchors, .virtual_anchor_count = virtual_anchor_count, .plan = NULL};
-  cogmint_plan plan = {0};
+  map.virtual_anchors = virtual_anchors;
   if (word() != 0) {
-    if (!read_plan(&plan)) {
+    if (!read_plan()) {
       return fail("too large a plan");
     }
     map.plan = &plan;
@@ -183,15 +194,17 @@ static int start(cogmint_tracker **tracker, uint32_t *cycles) {
     actions[i].carrier_hz = number();
     actions[i].pulse_duration_s = number();
   }
-  if (is_short) {
-    return fail("malformed feed");
-  }
+  return is_short ? fail("malformed feed") : 0;
+}
+
+/* Starts the tracker as it was told, afresh where it ran. */
+static cogmint_error start(cogmint_tracker **tracker) {
   cogmint_error error = cogmint_start(&memory, sizeof memory, &config, anchors, anchor_count, &map, actions,
                                       action_count, seed, tracker);
   for (uint32_t i = 0; i < anchor_count && error == COGMINT_ERROR_NONE; ++i) {
     error = cogmint_tell_range_bias(*tracker, i, range_biases_m[i][0], range_biases_m[i][1]);
   }
-  return error == COGMINT_ERROR_NONE ? 0 : fail(cogmint_error_string(error));
+  return error;
 }
 
 /* Reads a frame and gives it to the tracker. */
@@ -264,15 +277,89 @@ static cogmint_error run_cycle(cogmint_tracker *tracker, uint64_t *hash) {
   return error == COGMINT_ERROR_NONE ? cogmint_hash(tracker, hash) : error;
 }
 
+static uint32_t bits(float value) {
+  uint32_t word;
+  memcpy(&word, &value, sizeof word);
+  return word;
+}
+
+/* The map alone, into a tracker that is started anew in the same memory; then one cycle, in which every anchor is 3 m away. */
+static cogmint_error carry_map(cogmint_tracker *tracker) {
+  size_t length = 0;
+  cogmint_error error = cogmint_map_snapshot(tracker, NULL, &length);
+  if (error != COGMINT_ERROR_SNAPSHOT_ROOM) {
+    return error;
+  }
+  const size_t needed = length;
+  length = sizeof map_bytes;
+  error = cogmint_map_snapshot(tracker, map_bytes, &length);
+  cogmint_map_restored restored = {0};
+  if (error == COGMINT_ERROR_NONE) {
+    /* It has run: a map comes too late. */
+    const cogmint_error late = cogmint_map_restore(tracker, map_bytes, length, &restored);
+    error = late == COGMINT_ERROR_ALREADY_BEGUN && length == needed ? start(&tracker) : late;
+  }
+  if (error == COGMINT_ERROR_NONE) {
+    /* A byte that was flipped is seen. */
+    map_bytes[length / 2] ^= 1;
+    const cogmint_error damaged = cogmint_map_restore(tracker, map_bytes, length, NULL);
+    map_bytes[length / 2] ^= 1;
+    error = damaged == COGMINT_ERROR_SNAPSHOT_DAMAGED ? COGMINT_ERROR_NONE : damaged;
+  }
+  if (error == COGMINT_ERROR_NONE) {
+    error = cogmint_map_restore(tracker, map_bytes, length, &restored);
+  }
+  if (error == COGMINT_ERROR_NONE) {
+    error = cogmint_begin(tracker, 0.1f, NULL);
+  }
+  const cogmint_range range = {3.0f, 0.01f};
+  for (uint32_t i = 0; i < anchor_count && error == COGMINT_ERROR_NONE; ++i) {
+    error = cogmint_receive_ranges(tracker, i, &range, 1);
+  }
+  cogmint_report report;
+  uint64_t hash = 0;
+  if (error == COGMINT_ERROR_NONE) {
+    error = cogmint_finish(tracker, &report);
+  }
+  if (error == COGMINT_ERROR_NONE) {
+    error = cogmint_hash(tracker, &hash);
+  }
+  if (error != COGMINT_ERROR_NONE) {
+    return error;
+  }
+  const uint32_t figures[] = {(uint32_t)length,
+                              restored.surfaces,
+                              restored.surfaces_left_out,
+                              restored.sources,
+                              restored.sources_left_out,
+                              report.associated,
+                              bits(report.position_m[0]),
+                              bits(report.position_m[1]),
+                              bits(report.entropy_nat)};
+  put_text("map");
+  for (size_t i = 0; i < sizeof figures / sizeof *figures; ++i) {
+    put_text(" ");
+    put_decimal(figures[i]);
+  }
+  put_text(" hash ");
+  put_hexadecimal(hash);
+  put_text("\n");
+  return COGMINT_ERROR_NONE;
+}
+
 int replay(void) {
   cogmint_tracker *tracker = NULL;
   uint32_t cycles = 0;
-  if (start(&tracker, &cycles) != 0) {
+  if (read_setup(&cycles) != 0) {
     return 1;
+  }
+  cogmint_error error = start(&tracker);
+  if (error != COGMINT_ERROR_NONE) {
+    return fail(cogmint_error_string(error));
   }
   for (uint32_t cycle = 0; cycle < cycles; ++cycle) {
     uint64_t hash = 0;
-    const cogmint_error error = run_cycle(tracker, &hash);
+    error = run_cycle(tracker, &hash);
     if (is_short) {
       return fail("malformed cycle");
     }
@@ -290,5 +377,6 @@ int replay(void) {
   put_text(" tracker ");
   put_decimal((uint32_t)cogmint_tracker_size());
   put_text("\n");
-  return 0;
+  error = carry_map(tracker);
+  return error == COGMINT_ERROR_NONE ? 0 : fail(cogmint_error_string(error));
 }

@@ -327,7 +327,7 @@ enum cogmint_error
    */
   COGMINT_ERROR_SNAPSHOT_VERSION = 72,
   /**
-   * A snapshot of a tracker that was told something else, or that has other capacities.
+   * A snapshot of a tracker that was told something else, or that has other capacities; a map of other anchors or of another map told.
    */
   COGMINT_ERROR_SNAPSHOT_TOLD = 73,
   /**
@@ -1035,6 +1035,28 @@ typedef struct cogmint_report {
 } cogmint_report;
 
 /**
+ * What of a map there was room for.
+ */
+typedef struct cogmint_map_restored {
+  /**
+   * Surfaces taken over.
+   */
+  uint32_t surfaces;
+  /**
+   * Surfaces left out: there is no room for them, or for any source that is seen in them.
+   */
+  uint32_t surfaces_left_out;
+  /**
+   * Sources taken over.
+   */
+  uint32_t sources;
+  /**
+   * Sources left out: there is no room for them, or for a surface that they are seen in.
+   */
+  uint32_t sources_left_out;
+} cogmint_map_restored;
+
+/**
  * A channel impulse response as the radio has it.
  */
 typedef struct cogmint_cir {
@@ -1251,6 +1273,33 @@ cogmint_error cogmint_snapshot(const struct cogmint_tracker *tracker,
 cogmint_error cogmint_restore(struct cogmint_tracker *tracker,
                               const uint8_t *bytes,
                               size_t length);
+
+/**
+ * Writes the map alone between two cycles to `buffer`, which has room for `*length` bytes, and its bytes to `length`: what was learnt of walls
+ * and virtual anchors. Unlike a snapshot it outlives other settings, actions and capacities. With a NULL buffer and a length of 0,
+ * COGMINT_ERROR_SNAPSHOT_ROOM and the bytes needed.
+ *
+ * # Safety
+ * `tracker` is a tracker that was started, or NULL; `buffer` and `length` may be written to, or are NULL.
+ */
+cogmint_error cogmint_map_snapshot(const struct cogmint_tracker *tracker,
+                                   uint8_t *buffer,
+                                   size_t *length);
+
+/**
+ * Takes over a map: before the first cycle of a tracker that was started with the same anchors and the same map, whatever else is
+ * another. What follows it in `bytes` does no harm. Writes to `restored` what there was room for, where that is not NULL.
+ *
+ * COGMINT_ERROR_SNAPSHOT_TOLD: of other anchors or another map told; COGMINT_ERROR_ALREADY_BEGUN: after the first cycle was begun. Nothing
+ * has changed then.
+ *
+ * # Safety
+ * `tracker` is a tracker that was started, or NULL; so many `bytes` may be read, or they are NULL; `restored` may be written to, or is NULL.
+ */
+cogmint_error cogmint_map_restore(struct cogmint_tracker *tracker,
+                                  const uint8_t *bytes,
+                                  size_t length,
+                                  struct cogmint_map_restored *restored);
 
 /**
  * What unwinding would call, of which the compiler's own functions for hosts speak. Nothing unwinds.

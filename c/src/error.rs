@@ -87,7 +87,7 @@ pub enum CogmintError {
     SnapshotForeign = 71,
     /// A snapshot of another version of its format.
     SnapshotVersion = 72,
-    /// A snapshot of a tracker that was told something else, or that has other capacities.
+    /// A snapshot of a tracker that was told something else, or that has other capacities; a map of other anchors or of another map told.
     SnapshotTold = 73,
     /// The snapshot is damaged.
     SnapshotDamaged = 74,
@@ -282,7 +282,7 @@ impl CogmintError {
             Self::SnapshotRoom => c"the buffer is too short for the snapshot; the bytes needed were written to length",
             Self::SnapshotForeign => c"the bytes are no snapshot, or one that is cut short",
             Self::SnapshotVersion => c"a snapshot of another version of its format",
-            Self::SnapshotTold => c"a snapshot of a tracker that was told something else, or that has other capacities",
+            Self::SnapshotTold => c"a snapshot of a tracker that was told something else, or that has other capacities, or a map of other surroundings",
             Self::SnapshotDamaged => c"the snapshot is damaged",
             Self::CirIndex => c"the first-path index is NaN, negative, or 1024 or more",
             Self::CirLength => c"the window has no sample, more than COGMINT_MOST_CIR_SAMPLES, or more than there is room for",

@@ -26,7 +26,7 @@ pub use surroundings::{
 
 use cogmint_core::model::observation::{Frame, Observation, Range, RangeScan, Samples, TagHeight};
 use cogmint_core::radio::library::Action;
-use cogmint_core::{Anchor, Config, CycleReport, Map, SnapshotError};
+use cogmint_core::{Anchor, Config, CycleReport, Map, MapRestored, SnapshotError};
 use core::ffi::c_void;
 use core::mem::MaybeUninit;
 use error::code;
@@ -184,6 +184,27 @@ impl CogmintReport {
             flipped: u32::from(report.integrity.flipped.bits()),
             reset: u32::from(report.integrity.reset.bits()),
         }
+    }
+}
+
+/// What of a map there was room for.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CogmintMapRestored {
+    /// Surfaces taken over.
+    pub surfaces: u32,
+    /// Surfaces left out: there is no room for them, or for any source that is seen in them.
+    pub surfaces_left_out: u32,
+    /// Sources taken over.
+    pub sources: u32,
+    /// Sources left out: there is no room for them, or for a surface that they are seen in.
+    pub sources_left_out: u32,
+}
+
+impl CogmintMapRestored {
+    fn of(restored: &MapRestored) -> Self {
+        let MapRestored { surfaces, surfaces_left_out, sources, sources_left_out, .. } = *restored;
+        Self { surfaces, surfaces_left_out, sources, sources_left_out }
     }
 }
 
@@ -438,25 +459,32 @@ pub unsafe extern "C" fn cogmint_snapshot(
     buffer: *mut u8,
     length: *mut usize,
 ) -> CogmintError {
-    let snapshot = || {
-        // SAFETY: as the caller promises.
-        let tracker = unsafe { shared(tracker.cast::<Tracker>())? };
-        // SAFETY: as the caller promises.
-        let length = unsafe { exclusive(length)? };
-        // SAFETY: as the caller promises.
-        let buffer = unsafe { slice_mut(buffer, *length)? };
-        match tracker.snapshot(buffer) {
-            Ok(written) => *length = written,
-            Err(error) => {
-                if let SnapshotError::Room { needed } = error {
-                    *length = needed;
-                }
-                return Err(error.into());
-            }
-        }
-        Ok(())
-    };
-    code(snapshot())
+    // SAFETY: as the caller promises.
+    code(unsafe { write_out(tracker, buffer, length, Tracker::snapshot) })
+}
+
+/// Has a tracker write bytes to a buffer, and tells how many they are, or would be where there is no room.
+///
+/// # Safety
+/// As [`cogmint_snapshot`].
+unsafe fn write_out(
+    tracker: *const CogmintTracker,
+    buffer: *mut u8,
+    length: *mut usize,
+    write: impl FnOnce(&Tracker, &mut [u8]) -> Result<usize, SnapshotError>,
+) -> Result<(), CogmintError> {
+    // SAFETY: as the caller promises.
+    let tracker = unsafe { shared(tracker.cast::<Tracker>())? };
+    // SAFETY: as the caller promises.
+    let length = unsafe { exclusive(length)? };
+    // SAFETY: as the caller promises.
+    let buffer = unsafe { slice_mut(buffer, *length)? };
+    let written = write(tracker, buffer);
+    if let Ok(bytes) | Err(SnapshotError::Room { needed: bytes }) = written {
+        *length = bytes;
+    }
+    written?;
+    Ok(())
 }
 
 /// Goes on from a snapshot: of a tracker that was started with the same, between two cycles. What follows it in `bytes` does no harm.
@@ -475,6 +503,58 @@ pub unsafe extern "C" fn cogmint_restore(
         // SAFETY: as the caller promises.
         let bytes = unsafe { slice(bytes, length)? };
         Ok(tracker.restore(bytes)?)
+    };
+    code(restore())
+}
+
+/// Writes the map alone between two cycles to `buffer`, which has room for `*length` bytes, and its bytes to `length`: what was learnt of walls
+/// and virtual anchors. Unlike a snapshot it outlives other settings, actions and capacities. With a NULL buffer and a length of 0,
+/// COGMINT_ERROR_SNAPSHOT_ROOM and the bytes needed.
+///
+/// # Safety
+/// `tracker` is a tracker that was started, or NULL; `buffer` and `length` may be written to, or are NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn cogmint_map_snapshot(
+    tracker: *const CogmintTracker,
+    buffer: *mut u8,
+    length: *mut usize,
+) -> CogmintError {
+    // SAFETY: as the caller promises.
+    code(unsafe { write_out(tracker, buffer, length, Tracker::map_snapshot) })
+}
+
+/// Takes over a map: before the first cycle of a tracker that was started with the same anchors and the same map, whatever else is
+/// another. What follows it in `bytes` does no harm. Writes to `restored` what there was room for, where that is not NULL.
+///
+/// COGMINT_ERROR_SNAPSHOT_TOLD: of other anchors or another map told; COGMINT_ERROR_ALREADY_BEGUN: after the first cycle was begun. Nothing
+/// has changed then.
+///
+/// # Safety
+/// `tracker` is a tracker that was started, or NULL; so many `bytes` may be read, or they are NULL; `restored` may be written to, or is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn cogmint_map_restore(
+    tracker: *mut CogmintTracker,
+    bytes: *const u8,
+    length: usize,
+    restored: *mut CogmintMapRestored,
+) -> CogmintError {
+    let restore = || {
+        // SAFETY: as the caller promises.
+        let tracker = unsafe { exclusive(tracker.cast::<Tracker>())? };
+        // SAFETY: as the caller promises.
+        let bytes = unsafe { slice(bytes, length)? };
+        // Before anything changes; it may hold anything yet.
+        let room = if restored.is_null() {
+            None
+        } else {
+            // SAFETY: as the caller promises.
+            Some(unsafe { exclusive(restored.cast::<MaybeUninit<CogmintMapRestored>>())? })
+        };
+        let own = CogmintMapRestored::of(&tracker.restore_map(bytes)?);
+        if let Some(room) = room {
+            room.write(own);
+        }
+        Ok(())
     };
     code(restore())
 }

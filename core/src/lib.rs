@@ -70,11 +70,18 @@ pub mod tracker;
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+/// The vectors and matrices of public fields and functions: the report's covariances, the state of filter and belief, images, information,
+/// planning. Take them from here: they are then the ones that this crate was built with. nalgebra 0.35, without `std`; another minor version of
+/// it is another minor version of this crate (a major one from 1.0 on).
+pub use nalgebra;
+
 pub use config::{Config, Variant};
 pub use error::{Error, Setting};
 pub use model::anchor::{Anchor, MappedVirtualAnchor};
 pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
+pub use model::transceiver::Transceiver;
 pub use report::{CycleReport, Integrity, Part, Parts, WallEstimate};
 pub use snapshot::SnapshotError;
 pub use tracker::Tracker;
 pub use tracker::map::MapRestored;
+pub use tracker::over_radio::CycleError;

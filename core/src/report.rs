@@ -93,7 +93,7 @@ pub enum Part {
     Channel,
     /// Values of actions and the choice of the next one.
     Controllers,
-    /// The number of the cycle, and where the tag was last heard.
+    /// The number of the cycle, where the tag was last heard, and the lever arm of the antenna in use.
     Cycle,
 }
 

@@ -8,6 +8,7 @@ mod entries;
 mod integrity;
 pub mod joining;
 pub mod map;
+pub mod over_radio;
 mod stages;
 mod start;
 mod state;

@@ -231,7 +231,15 @@ impl Setup {
         // The core has the last word on what it takes.
         match setup.tracker::<LARGE_ANCHORS>() {
             Ok(_) => Ok(setup),
-            Err(error) => Err(refusal(error, file, setup.anchors.iter().any(is_out_of_reach))),
+            Err(error) => {
+                let anchors_out_of_reach = setup.anchors.iter().any(is_out_of_reach);
+                let own_bias = if error == Error::Configuration(Setting::BiasPrior) {
+                    refused_bias(recording, file)
+                } else {
+                    None
+                };
+                Err(own_bias.unwrap_or_else(|| refusal(error, file, anchors_out_of_reach)))
+            }
         }
     }
 
@@ -354,6 +362,26 @@ impl Setup {
 /// The core's limits on an anchor's place.
 fn is_out_of_reach(anchor: &Anchor) -> bool {
     anchor.position_m.iter().any(|x| x.abs() > 1e4) || anchor.height_m.abs() > 1e3
+}
+
+/// The first anchor whose own bias is beyond what the core takes.
+fn refused_bias(recording: &Recording, folder: &std::path::Path) -> Option<InputError> {
+    recording.anchors.iter().enumerate().find_map(|(index, anchor)| {
+        // As single numbers, as the core has them.
+        let is_beyond = |value: Option<f64>, least: f32| {
+            value.is_some_and(|value| !(least..=10.0).contains(&(value as f32)))
+        };
+        let (key, allowed) = if is_beyond(anchor.range_bias_mean_m, -10.0) {
+            ("range_bias_mean_m", "-10 to 10")
+        } else if is_beyond(anchor.range_bias_std_m, 0.0) {
+            ("range_bias_std_m", "0 to 10")
+        } else {
+            return None;
+        };
+        let reason = format!("of anchor {:?} is beyond what the tracker takes", anchor.name);
+        let error = InputError::new(folder.join(META_FILE), reason);
+        Some(error.for_item(format!("anchors.{index}.{key}")).allowed(allowed))
+    })
 }
 
 /// What the core refused, in the recording's terms: file, key and what the tracker takes.

@@ -60,7 +60,7 @@ const WHOLE: [&str; 4] = ["lib", "config", "observer", "report"];
 /// What the crate's root exports again: no block may take the whole by that way.
 const ROOT: [&str; 3] = ["Config", "CycleReport", "Tracker"];
 /// What may change the whole tracker: the ways in, and the sweep of all state, which mends what is broken.
-const ENTRIES: [&str; 19] = [
+const ENTRIES: [&str; 20] = [
     "begin",
     "check_seals",
     "cycle",
@@ -69,6 +69,7 @@ const ENTRIES: [&str; 19] = [
     "finish_observed",
     "finish_unswept",
     "mend",
+    "poll_cycle",
     "read",
     "receive",
     "receive_observed",

@@ -6,10 +6,10 @@ use cogmint_core::model::image::Sequence;
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::{Sight, Source};
 use cogmint_core::model::surface::{Line, Surface};
+use cogmint_core::nalgebra::Vector2;
 use cogmint_core::perceptor::association::outcome::Innovation;
 use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_core::trace::TraceHash;
-use nalgebra::Vector2;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 

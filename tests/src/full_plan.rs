@@ -9,10 +9,10 @@ use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::{ChannelMemory, ChannelMemorySettings};
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
+use cogmint_core::nalgebra::{Matrix2, Matrix4};
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
 use cogmint_core::radio::pulse::PulseShape;
 use cogmint_core::trace::TraceHash;
-use nalgebra::{Matrix2, Matrix4};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 

@@ -8,6 +8,8 @@ pub mod full_filter;
 pub mod full_plan;
 pub mod mutation;
 pub mod outcome;
+#[path = "../../firmware-stub/src/bin/simulated_radio/room.rs"]
+pub mod simulated_radio;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};

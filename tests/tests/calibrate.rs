@@ -166,6 +166,25 @@ fn claims(seeds: std::ops::Range<u64>, cycles: usize, uses_truth: bool, sign: f6
 }
 
 #[test]
+fn what_is_told_of_one_anchors_bias_counts_for_it() {
+    let mut planted = planted(1, 120, false);
+    let free = calibrated(&planted, &options(true));
+    // Surely wrong, so that it shows.
+    let wrong_m = planted.biases_m[1] + 0.4;
+    planted.recording.anchors[1].range_bias_mean_m = Some(wrong_m);
+    planted.recording.anchors[1].range_bias_std_m = Some(0.002);
+    let told = calibrated(&planted, &options(true));
+    let [found, held] = [&free, &told].map(|calibration| &calibration.anchors[1]);
+    assert!((found.range_bias_m - planted.biases_m[1]).abs() < 0.2, "{}", found.range_bias_m);
+    assert!((held.range_bias_m - wrong_m).abs() < 0.02 && held.range_bias_std_m <= 0.002, "{held:?}");
+    assert!((told.anchors[0].range_bias_m - planted.biases_m[0]).abs() < 0.2, "{:?}", told.anchors[0]);
+    // With a deviation for all, its mean is looked at alone.
+    let all = Options { bias_std_m: Some(0.3), ..options(true) };
+    let loose = &calibrated(&planted, &all).anchors[1];
+    assert!((loose.range_bias_m - planted.biases_m[1]).abs() < 0.2, "{}", loose.range_bias_m);
+}
+
+#[test]
 fn with_truth_planted_biases_and_anchors_are_found_within_the_deviations_claimed() {
     let claims = claims(1..41, 120, true, 1.0);
     for (what, claims) in ["biases", "positions", "mean errors"].into_iter().zip(&claims) {

@@ -199,6 +199,23 @@ fn core_and_reference_agree_in_every_bit() {
 }
 
 #[test]
+fn a_bias_beyond_what_the_tracker_takes_is_refused_by_key_and_anchor() {
+    let refused = |change: &dyn Fn(&mut Recording)| {
+        let mut recording = flight(3, 2);
+        change(&mut recording);
+        Setup::new(&recording, Path::new("a flight"), None).map(|_| ()).unwrap_err().to_string()
+    };
+    let name = flight(3, 2).anchors[1].name.clone();
+    let mean = refused(&|recording| recording.anchors[1].range_bias_mean_m = Some(-10.5));
+    assert!(mean.contains("`anchors.1.range_bias_mean_m`") && mean.contains(&format!("{name:?}")), "{mean}");
+    assert!(mean.ends_with("allowed is -10 to 10."), "{mean}");
+    let std = refused(&|recording| recording.anchors[1].range_bias_std_m = Some(11.0));
+    assert!(std.contains("`anchors.1.range_bias_std_m`") && std.ends_with("allowed is 0 to 10."), "{std}");
+    let all = refused(&|recording| recording.radio.range_bias_mean_m = 10.5);
+    assert!(all.contains("radio.range_bias_mean_m"), "{all}");
+}
+
+#[test]
 fn an_antenna_beside_the_centre_needs_a_heading() {
     type Small = Tracker<1, 2, 2, 2, 4, 2, 2, 0, 6>;
     let anchors = [Anchor { position_m: [0.0, 0.0], height_m: 0.0 }];

@@ -19,3 +19,4 @@ pub mod region;
 pub mod soft_update;
 pub mod source;
 pub mod surface;
+pub mod transceiver;

@@ -2,7 +2,8 @@
 //! action together.
 //!
 //! For firmware of a DW1000 or DW3000: [`presets`] is what to tell the tracker of the radio, [`accumulator`] makes a frame of the bytes of
-//! a channel impulse response, and [`two_way`] a range of time stamps.
+//! a channel impulse response, and [`two_way`] a range of time stamps. The trait that a driver stands behind is
+//! [`Transceiver`](../model/transceiver/trait.Transceiver.html), beside the observations that it delivers.
 
 pub mod accumulator;
 pub mod library;

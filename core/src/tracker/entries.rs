@@ -22,8 +22,13 @@ use crate::perceptor::belief::TagBelief;
 use crate::perceptor::receiver::{Delivered, LinkView, Receiver};
 use crate::radio::library::{Action, Library};
 use crate::real::abs;
-use crate::report::{CycleReport, Integrity};
+use crate::report::{CycleReport, Integrity, Part};
 use heapless::Vec;
+
+/// Whether an antenna can be there. Written so that NaN fails.
+pub(super) fn is_lever_arm(lever_arm_m: [f32; 2]) -> bool {
+    lever_arm_m.iter().all(|arm_m| abs(*arm_m) <= 1000.0)
+}
 
 impl<
     const ANCHORS: usize,
@@ -227,13 +232,15 @@ impl<
             return Err(Error::AlreadyBegun);
         }
         let is_centre = lever_arm_m == [0.0; 2];
-        // Written so that NaN fails.
-        if !lever_arm_m.iter().all(|arm_m| abs(*arm_m) <= 1000.0)
-            || !(is_centre || self.filter().heading().is_some())
-        {
+        if !is_lever_arm(lever_arm_m) || !(is_centre || self.filter().heading().is_some()) {
             return Err(Error::LeverArm);
         }
+        // A bit that has flipped beside it keeps the seal by which it is found.
+        let is_intact = self.is_as_sealed(Part::Cycle);
         self.lever_arm_m = lever_arm_m;
+        if is_intact {
+            self.seals = self.seals.renewed(Part::Cycle, self.seal_of(Part::Cycle));
+        }
         Ok(())
     }
 

@@ -11,6 +11,7 @@
 //! values that no program of safe Rust can look at before it trusts them.
 
 use super::Tracker;
+use super::entries::is_lever_arm;
 use super::start::told_filter;
 use crate::error::Error;
 use crate::memory::environment::{Origin, TOLD};
@@ -50,6 +51,19 @@ impl<const COMPONENTS: usize> Seals<COMPONENTS> {
     /// State was changed from outside: it is swept before the next cycle, not compared.
     pub(super) fn opened(self) -> Self {
         Self { is_made: false, ..self }
+    }
+
+    /// Of a part other than the belief, whose turn it was.
+    fn of(&self, part: Part) -> Option<Sealed> {
+        Part::ALL.into_iter().skip(1).zip(self.parts).find(|(own, _)| *own == part)?.1
+    }
+
+    /// A part other than the belief was changed from outside, and was as sealed before.
+    pub(super) fn renewed(self, part: Part, sealed: Sealed) -> Self {
+        let mut parts = self.parts;
+        let places = Part::ALL.into_iter().skip(1).zip(&mut parts);
+        places.filter(|(own, _)| *own == part).for_each(|(_, place)| *place = Some(sealed));
+        Self { parts, ..self }
     }
 
     /// What was told was changed: this is its seal.
@@ -93,7 +107,7 @@ impl<
 
     /// Seals a part other than the belief.
     #[inline(never)]
-    fn seal_of(&self, part: Part) -> Sealed {
+    pub(super) fn seal_of(&self, part: Part) -> Sealed {
         match part {
             Part::Belief => Sealed::NOTHING,
             Part::Estimator => self.receiver.seal_estimator(),
@@ -108,8 +122,14 @@ impl<
             Part::Cycle => seal_with(|to| {
                 self.cycle.write(to);
                 self.last_heard.write(to);
+                self.lever_arm_m.write(to);
             }),
         }
+    }
+
+    /// Whether a part other than the belief is as it was sealed.
+    pub(super) fn is_as_sealed(&self, part: Part) -> bool {
+        self.seals.of(part).is_some_and(|last| last == self.seal_of(part))
     }
 
     /// Whether a part is sealed at the end of this cycle.
@@ -130,7 +150,8 @@ impl<
     /// Whether a part whose numbers are finite is what it may be.
     fn is_sound(&self, part: Part) -> bool {
         match part {
-            Part::Belief | Part::Estimator | Part::Cycle => true,
+            Part::Belief | Part::Estimator => true,
+            Part::Cycle => is_lever_arm(self.lever_arm_m),
             Part::Receiver => self.receiver.is_sound(),
             Part::Environment => {
                 let leader = self.belief.leader();
@@ -245,6 +266,7 @@ impl<
             channel,
             controllers,
             last_heard,
+            lever_arm_m,
             ..
         } = self;
         let reset = &mut integrity.reset;
@@ -299,6 +321,78 @@ impl<
         }
         if reset.has(Part::Cycle) {
             *last_heard = belief.leader().agent();
+            if !is_lever_arm(*lever_arm_m) {
+                *lever_arm_m = [0.0; 2];
+            }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+    use crate::model::anchor::Anchor;
+    use crate::model::observation::{Observation, Range, RangeScan};
+    use crate::model::plan::Map;
+    use crate::radio::library::LIBRARY_DW1000;
+    use std::boxed::Box;
+
+    type Small = Tracker<3, 2, 1, 1, 2, 6, 4, 0, 0>;
+    const ARMS_M: [[f32; 2]; 2] = [[0.2, 0.1], [-0.2, 0.0]];
+
+    /// One cycle of ranges to a tag at (4, 3) m that faces along x.
+    fn cycle(tracker: &mut Small, arm_m: [f32; 2]) -> Integrity {
+        let scans = [[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]].map(|[x, y]: [f32; 2]| {
+            let range_m = (x - 4.0 - arm_m[0]).hypot(y - 3.0 - arm_m[1]);
+            [Range { range_m, variance_m2: 4e-4 }]
+        });
+        tracker.begin(0.1, None).unwrap();
+        for (anchor, ranges) in scans.iter().enumerate() {
+            tracker.receive(&Observation::Ranges(RangeScan { anchor, ranges })).unwrap();
+        }
+        tracker.finish().unwrap().integrity
+    }
+
+    /// A tracker whose antennas took turns for 20 cycles, of which nothing was reported; the second is in use.
+    fn turned() -> Box<Small> {
+        let anchors =
+            [[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]].map(|position_m| Anchor { position_m, height_m: 0.0 });
+        let mut tracker = Box::new(Small::new());
+        let config = Config { has_heading: true, ..Config::default() };
+        tracker.start(&config, &anchors, &Map::default(), &LIBRARY_DW1000, 1).unwrap();
+        for turn in 0..20 {
+            let arm_m = ARMS_M[turn % 2];
+            tracker.switch_antenna(arm_m).unwrap();
+            assert!(cycle(&mut tracker, arm_m).is_intact(), "turn {turn}");
+        }
+        tracker
+    }
+
+    #[test]
+    fn every_bit_that_flips_in_the_lever_arm_is_reported_and_a_broken_arm_is_the_centre() {
+        let sound = turned();
+        for (axis, bit) in (0..2).flat_map(|axis| (0..32).map(move |bit| (axis, bit))) {
+            let mut tracker = sound.clone();
+            let arm_m = &mut tracker.lever_arm_m[axis];
+            *arm_m = f32::from_bits(arm_m.to_bits() ^ 1 << bit);
+            let is_broken = !is_lever_arm(tracker.lever_arm_m);
+            let integrity = cycle(&mut tracker, ARMS_M[1]);
+            assert!(integrity.flipped.has(Part::Cycle), "axis {axis}, bit {bit}");
+            assert_eq!(integrity.reset.has(Part::Cycle), is_broken, "axis {axis}, bit {bit}");
+            assert!(!is_broken || tracker.lever_arm_m == [0.0; 2]);
+        }
+        let mut tracker = sound.clone();
+        tracker.lever_arm_m = [f32::NAN, 0.0];
+        assert!(cycle(&mut tracker, ARMS_M[1]).reset.has(Part::Cycle) && tracker.lever_arm_m == [0.0; 2]);
+    }
+
+    #[test]
+    fn a_bit_that_flips_beside_the_lever_arm_is_reported_though_antennas_are_switched() {
+        let mut tracker = turned();
+        tracker.last_heard.mean.x = f32::from_bits(tracker.last_heard.mean.x.to_bits() ^ 1);
+        tracker.switch_antenna(ARMS_M[0]).unwrap();
+        assert!(cycle(&mut tracker, ARMS_M[0]).flipped.has(Part::Cycle));
+        assert!(cycle(&mut tracker, ARMS_M[0]).is_intact());
     }
 }

@@ -13,10 +13,10 @@ use cogmint_core::model::image::Image;
 use cogmint_core::model::listing::{Listed, list};
 use cogmint_core::model::plan::{FloorPlan, Plan, PlanSegment, PlanWall};
 use cogmint_core::model::surface::Surface;
+use cogmint_core::nalgebra::Vector2;
 use cogmint_core::trace::TraceHash;
 use cortex_m_rt::entry;
 use heapless::Vec;
-use nalgebra::Vector2;
 
 const SOURCES: usize = 24;
 const SEGMENTS: usize = 16;

@@ -14,6 +14,7 @@ use cogmint_core::model::motion::Motion;
 use cogmint_core::model::range::Regression;
 use cogmint_core::model::source::{Sight, Source};
 use cogmint_core::model::surface::{self, Surface};
+use cogmint_core::nalgebra::Vector2;
 use cogmint_core::perceptor::association::outcome::Innovation;
 use cogmint_core::perceptor::state_filter::StateFilter;
 use cogmint_core::trace::TraceHash;
@@ -21,7 +22,6 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 use heapless::Vec;
-use nalgebra::Vector2;
 
 const ANCHORS: usize = 2;
 const VAS: usize = 24;

@@ -16,6 +16,7 @@ use cogmint_core::information::fisher::PositionInformation;
 use cogmint_core::memory::channel::{ChannelMemory, ChannelMemorySettings};
 use cogmint_core::model::motion::Motion;
 use cogmint_core::model::source::Source;
+use cogmint_core::nalgebra::{Matrix2, Matrix4};
 use cogmint_core::radio::library::{LIBRARY_WIDE, Library};
 use cogmint_core::radio::pulse::PulseShape;
 use cogmint_core::trace::TraceHash;
@@ -23,7 +24,6 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 use heapless::Vec;
-use nalgebra::{Matrix2, Matrix4};
 
 const ANCHORS: usize = 2;
 const VAS: usize = 24;

@@ -93,10 +93,10 @@ pub struct Prior {
     pub anchors_m: Vec<[f64; 2]>,
     /// Their deviation per axis, metres; 0: they are held.
     pub anchor_std_m: f64,
-    /// Mean of an anchor's bias, metres.
-    pub bias_mean_m: f64,
-    /// Deviation of biases and of the differences between antennas, metres.
-    pub bias_std_m: f64,
+    /// Mean and deviation of each anchor's bias, metres.
+    pub biases_m: Vec<[f64; 2]>,
+    /// Deviation of the differences between antennas, metres.
+    pub difference_std_m: f64,
     /// Lever arms of the antennas, metres; one of (0, 0) where the tag is its own only antenna.
     pub arms_m: Vec<[f64; 2]>,
     /// What errors look like at first.
@@ -147,8 +147,10 @@ impl Prior {
     /// Deviation of a parameter beforehand.
     pub fn std(&self, place: usize) -> f64 {
         let shape = self.shape(0);
-        if place < self.anchors() + self.contrasts() {
-            self.bias_std_m
+        if place < self.anchors() {
+            self.biases_m[place][1]
+        } else if place < self.anchors() + self.contrasts() {
+            self.difference_std_m
         } else if place < shape {
             self.anchor_std_m
         } else if place < shape + SHAPE_STD.len() {
@@ -175,7 +177,7 @@ impl Prior {
 
     /// An anchor's bias, metres.
     pub fn bias_m(&self, parameters: &DVector<f64>, anchor: usize) -> f64 {
-        self.bias_mean_m + parameters[self.bias(anchor)]
+        self.biases_m[anchor][0] + parameters[self.bias(anchor)]
     }
 
     /// What an anchor's errors look like.

@@ -13,7 +13,7 @@ mod unknown;
 use crate::cycle_choice::CycleChoice;
 use crate::estimate;
 use crate::input_error::InputError;
-use crate::recording::{ARRAYS_FILE, META_FILE, Recording};
+use crate::recording::{ARRAYS_FILE, Anchor, META_FILE, Recording};
 use batch::{Estimate, Movement, Node, Observed, Prior, Run};
 use file::{AnchorCalibration, AntennaCalibration, Calibration, Errors};
 use nalgebra::DVector;
@@ -39,7 +39,7 @@ pub struct Options {
     pub uses_truth: bool,
     /// Standard deviation per axis of the anchors' positions as told, metres; 0: they are exact.
     pub anchor_std_m: f64,
-    /// Standard deviation of biases beforehand, metres; without, what the first recording tells.
+    /// Standard deviation of biases beforehand, metres, of every anchor; without, what the first recording tells of each.
     pub bias_std_m: Option<f64>,
 }
 
@@ -104,15 +104,20 @@ fn check_alike(first: &Recording, folder: &Path, other: &Recording, at: &Path) -
 }
 
 fn prior(first: &Recording, options: &Options) -> Prior {
-    let told_std_m = first.radio.range_bias_std_m;
-    let usual_std_m = if told_std_m > 0.0 { told_std_m } else { USUAL_BIAS_STD_M };
+    let radio = &first.radio;
+    let std_m =
+        |told_m: f64| options.bias_std_m.unwrap_or(if told_m > 0.0 { told_m } else { USUAL_BIAS_STD_M });
+    let bias_m = |anchor: &Anchor| {
+        let mean_m = anchor.range_bias_mean_m.unwrap_or(radio.range_bias_mean_m);
+        [mean_m, std_m(anchor.range_bias_std_m.unwrap_or(radio.range_bias_std_m))]
+    };
     let arms = first.antennas.iter().map(|antenna| antenna.lever_arm_m.unwrap_or([0.0; 2]));
     let (excess_share, excess_m, false_share) = USUAL_EXCESS;
     Prior {
         anchors_m: first.anchors.iter().map(|anchor| anchor.position_m).collect(),
         anchor_std_m: options.anchor_std_m,
-        bias_mean_m: first.radio.range_bias_mean_m,
-        bias_std_m: options.bias_std_m.unwrap_or(usual_std_m),
+        biases_m: first.anchors.iter().map(bias_m).collect(),
+        difference_std_m: std_m(radio.range_bias_std_m),
         arms_m: if first.antennas.is_empty() { vec![[0.0; 2]] } else { arms.collect() },
         error: RangeError {
             noise_std_m: first.radio.range_std_m,

@@ -147,8 +147,9 @@ pub struct TagBelief<const ANCHORS: usize, const SURFACES: usize, const COMPONEN
 impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
     TagBelief<ANCHORS, SURFACES, COMPONENTS>
 {
-    /// One component of this state. `speed_m_s` is the standard deviation per axis of a velocity that nothing is known of.
-    pub fn new(
+    /// As [`Self::start`], of this state.
+    #[cfg(test)]
+    pub(crate) fn new(
         filter: StateFilter<ANCHORS, SURFACES>,
         speed_m_s: f32,
         region: Region,
@@ -179,7 +180,8 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
         }
     }
 
-    /// As [`Self::new`], where it stays: `fill` makes the state of an empty one.
+    /// One component, where it stays, of the state that `fill` makes of an empty one. `speed_m_s` is the standard deviation per axis of
+    /// a velocity that nothing is known of.
     #[inline(never)]
     pub fn start(
         &mut self,
