@@ -365,9 +365,10 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         })
     }
 
-    /// Makes the estimator anew, for this pulse.
+    /// Makes the estimator anew, for this pulse and as much work on a frame.
     #[inline(never)]
-    pub(crate) fn rebuild(&mut self, pulse: Pulse) {
+    pub(crate) fn rebuild(&mut self, pulse: Pulse, most_work: u32) {
+        self.estimator.limit_work(most_work);
         let (spacing_s, samples) = (self.radio.sample_spacing_s, self.radio.samples_per_frame);
         let false_paths = self.radio.false_paths_per_frame;
         self.estimator.start(pulse, spacing_s, samples, false_paths, self.estimator_settings);

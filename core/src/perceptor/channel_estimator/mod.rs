@@ -31,6 +31,7 @@ use beginning::{BEGINNING_SHARE, threshold_beside};
 use heapless::Vec;
 use interpolation::Interpolation;
 use noise::{COMPLEX_CUT, Cut, MAGNITUDE_CUT, Profile};
+use work::MOST_WORK;
 
 pub use first_path::{FirstPath, FirstPathDetector};
 pub use noise::{DenseMultipath, NoiseLevel};
@@ -335,7 +336,8 @@ written!(ChannelEstimator<const PATHS> {
     threshold,
     magnitude_threshold,
     beginning_threshold,
-    settings
+    settings,
+    most_work
 });
 
 #[cfg(test)]
