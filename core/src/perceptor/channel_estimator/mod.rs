@@ -154,6 +154,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         settings: EstimatorSettings,
     ) -> Self {
         let mut estimator = Self::empty();
+        estimator.limit_work(MOST_WORK);
         estimator.start(pulse, sample_spacing_s, samples, false_paths, settings);
         estimator
     }
@@ -171,11 +172,11 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             magnitude_threshold: 0.0,
             beginning_threshold: 0.0,
             settings: EstimatorSettings::NONE,
-            most_work: MOST_WORK,
+            most_work: 0,
         }
     }
 
-    /// From now on ends estimates that have cost this much ([`work`]); [`MOST_WORK`] without.
+    /// From now on ends estimates that have cost this much ([`work`]): [`MOST_WORK`] where nothing else is told.
     pub fn limit_work(&mut self, most_work: u32) {
         self.most_work = most_work;
     }
@@ -185,7 +186,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         estimate.work >= self.most_work
     }
 
-    /// As [`Self::new`], where it stays.
+    /// As [`Self::new`], where it stays; [`Self::limit_work`] comes first.
     pub fn start(
         &mut self,
         pulse: Pulse,
