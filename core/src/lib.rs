@@ -76,5 +76,5 @@ pub use model::anchor::{Anchor, MappedVirtualAnchor};
 pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
 pub use report::{CycleReport, Integrity, Part, Parts, WallEstimate};
 pub use snapshot::SnapshotError;
-pub use tracker::Tracker;
 pub use tracker::map::MapRestored;
+pub use tracker::{RangeTracker, Tracker};

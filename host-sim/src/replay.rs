@@ -311,6 +311,7 @@ impl Setup {
         const COMPONENTS: usize,
         const POINTS: usize,
         const CANDIDATES: usize,
+        const FRAMES: usize,
     >(
         &self,
         tracker: &mut Tracker<
@@ -323,6 +324,7 @@ impl Setup {
             COMPONENTS,
             POINTS,
             CANDIDATES,
+            FRAMES,
         >,
     ) -> Result<(), Error> {
         tracker.start(&self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;

@@ -65,12 +65,12 @@ impl Sink for Seal {
         rest.iter().for_each(|byte| self.byte(*byte));
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn word(&mut self, word: u32) {
         self.sum = with(self.sum, word);
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn float(&mut self, value: f32) {
         self.word(value.to_bits());
         self.finite += nothing(value);
