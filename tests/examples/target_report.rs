@@ -1,7 +1,7 @@
 //! Figures of a run on the target: from the image, the firmware's log and the host's trace. Their budgets are in
 //! `budgets.toml`, and `tests/budgets.sh` checks them.
 
-use object::{Object, ObjectSegment, ObjectSymbol};
+use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::error::Error;

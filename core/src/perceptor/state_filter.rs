@@ -62,6 +62,7 @@ pub const ROTATION_LIMIT: f32 = 1.0;
 pub const ROTATION_WALK_PER_M2: f32 = 0.04;
 
 /// Joint covariance in blocks.
+// A copy as a whole: number by number it would be 0.3 KB of code, wherever a state is cloned.
 #[derive(Clone, Copy, Debug)]
 struct Covariance<const ANCHORS: usize, const SURFACES: usize> {
     xx: Matrix4<f32>,
