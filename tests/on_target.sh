@@ -6,8 +6,8 @@
 #
 # Beside that, the channel estimator alone over frames of eight paths: instructions, state and scratch; and the state
 # filter alone with 26 ranges per step, of 24 virtual anchors as published and of 24 images in 8 walls; images and availability
-# alone, 24 sources over 8 walls; planning alone, 20 actions over one and five cycles; and two smaller trackers, of four DW3000 anchors
-# and of one: what they take of RAM.
+# alone, 24 sources over 8 walls; planning alone, 20 actions over one and five cycles; and three smaller trackers, of four DW3000 anchors,
+# of one, and of the ranges of three alone: what they take of RAM and of flash.
 # Then tests/radio_on_target.sh, the tracker over a radio that does what it is told, and tests/target_meters.sh: the firmware's meters must
 # fail where they cannot measure.
 #
@@ -72,10 +72,11 @@ mkdir "$work/availability"
 mkdir "$work/plan"
 cargo run --quiet --locked --release -p cogmint-tests --example full_plan -- "$work/plan/feed.bin" >"$work/plan/host.txt"
 
-# The office as it is, and with one of its anchors.
-mkdir "$work/four" "$work/one"
+# The office as it is, with one of its anchors, and with the distances of three in place of frames.
+mkdir "$work/four" "$work/one" "$work/ranges"
 record_office 4 100 "$work/four/room"
 record_office 1 100 "$work/one/room"
+record_office 3 100 "$work/ranges/room"
 sized() {
   cargo run --quiet --locked --release -p cogmint-tests --example sized_trace -- \
     "$1" "$work/$2/room" "$work/$2/feed.bin" >"$work/$2/host.txt"
@@ -83,6 +84,7 @@ sized() {
 }
 sized four_anchors four
 sized one_anchor one
+sized ranges_only ranges
 # Snapshots: one of the host's goes on here, and one of the target's on the host. With room for the bytes beside the tracker.
 mkdir "$work/snapshots"
 ln -s "$work/feed.bin" "$work/snapshots/feed.bin"
@@ -115,7 +117,8 @@ cargo run --quiet --locked --release -p cogmint-tests --example target_report --
   --availability-log "$work/availability/target.txt" \
   --plan-host "$work/plan/host.txt" --plan-log "$work/plan/target.txt" \
   --four-image "$images/four_anchors" --four-host "$work/four/host.txt" --four-log "$work/four/target.txt" \
-  --one-image "$images/one_anchor" --one-host "$work/one/host.txt" --one-log "$work/one/target.txt" $json
+  --one-image "$images/one_anchor" --one-host "$work/one/host.txt" --one-log "$work/one/target.txt" \
+  --ranges-image "$images/ranges_only" --ranges-host "$work/ranges/host.txt" --ranges-log "$work/ranges/target.txt" $json
 
 bash tests/radio_on_target.sh
 bash tests/target_meters.sh

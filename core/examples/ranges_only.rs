@@ -9,7 +9,7 @@ mod simulated;
 use cogmint_core::model::observation::{Observation, Range, RangeScan};
 use cogmint_core::radio::presets::RadioPreset;
 use cogmint_core::real::sqrt;
-use cogmint_core::{Anchor, Config, Error, Map, Tracker};
+use cogmint_core::{Anchor, Config, Error, Map, RangeTracker};
 use simulated::Noise;
 
 const ANCHORS: [Anchor; 3] = [
@@ -20,9 +20,8 @@ const ANCHORS: [Anchor; 3] = [
 const CYCLE_S: f32 = 0.1;
 const NOISE_M: f32 = 0.07;
 
-/// 3 anchors; the least of what frames and plans take: 1 surface, 1 source, 1 segment, 2 ranges per anchor, 2 channels; 4 components of the
-/// belief; no points, and no candidates: no map is built.
-type TagTracker = Tracker<3, 1, 1, 1, 2, 2, 4, 0, 0>;
+/// 3 anchors, 2 ranges of each, 4 components of the belief.
+type TagTracker = RangeTracker<3, 2, 4>;
 
 /// The error after ten seconds of a walk, metres.
 fn run() -> Result<f32, Error> {
@@ -30,7 +29,7 @@ fn run() -> Result<f32, Error> {
     config.start.position_m = [4.0, 3.0];
     // One channel, and nothing to choose.
     let actions = RadioPreset::Dw1000.library().get(..1).unwrap_or_default();
-    let mut tracker = TagTracker::new();
+    let mut tracker = TagTracker::empty();
     tracker.start(&config, &ANCHORS, &Map::default(), actions, 1)?;
 
     let mut noise = Noise(1);

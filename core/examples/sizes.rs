@@ -10,7 +10,7 @@
 #[expect(dead_code, reason = "nothing is simulated")]
 mod simulated;
 
-use cogmint_core::Tracker;
+use cogmint_core::{RangeTracker, Tracker};
 
 const fn bytes<
     const ANCHORS: usize,
@@ -54,16 +54,8 @@ const ROWS: [(&str, usize, usize); 23] = [
     ("16 points more", bytes::<4, 6, 12, 8, 8, 2, 4, 272, 2>() - FOUR, 64),
     ("one candidate more", bytes::<4, 6, 12, 8, 8, 2, 4, 256, 3>() - FOUR, 3_360),
     ("`<1, 4, 8, 8, 8, 2, 4, 256, 0>`, one anchor", bytes::<1, 4, 8, 8, 8, 2, 4, 256, 0>(), 10_824),
-    (
-        "`<3, 1, 1, 1, 2, 2, 4, 0, 0>`, three anchors, ranges only",
-        bytes::<3, 1, 1, 1, 2, 2, 4, 0, 0>(),
-        12_352,
-    ),
-    (
-        "`<3, 1, 1, 1, 2, 1, 1, 0, 0>`, the same without other places",
-        bytes::<3, 1, 1, 1, 2, 1, 1, 0, 0>(),
-        11_256,
-    ),
+    ("`RangeTracker<3, 2, 4>`, two ranges of three anchors", size_of::<RangeTracker<3, 2, 4>>(), 8_344),
+    ("`RangeTracker<3, 2, 1>`, the same without other places", size_of::<RangeTracker<3, 2, 1>>(), 7_600),
 ];
 
 #[cfg(target_pointer_width = "32")]

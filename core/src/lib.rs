@@ -82,6 +82,6 @@ pub use model::plan::{Map, Plan, PlanSegment, PlanWall};
 pub use model::transceiver::Transceiver;
 pub use report::{CycleReport, Integrity, Part, Parts, WallEstimate};
 pub use snapshot::SnapshotError;
-pub use tracker::Tracker;
 pub use tracker::map::MapRestored;
 pub use tracker::over_radio::CycleError;
+pub use tracker::{RangeTracker, Tracker};

@@ -17,6 +17,7 @@ impl Default for TraceHash {
 
 impl TraceHash {
     /// Adds a word.
+    #[inline(never)] // in its place, once for each number of the state, it would be 1 KB
     pub fn word(&mut self, word: u32) {
         self.state = (self.state ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3);
     }

@@ -20,7 +20,7 @@ use self::stages::{
     Claimed, Explained, Heard, act, claim, conclude, hear, look_beside, look_through, propose_places, reader,
     remember, revise_map,
 };
-use self::values::{Known, Place, Told, leader_view, walls_now};
+use self::values::{Known, Place, Told, walls_now};
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -48,7 +48,8 @@ use heapless::Vec;
 /// The tracker: all state of the cognitive system, in fixed memory, for so many anchors, surfaces, images, segments of walls
 /// (and corners of the outline), paths per anchor, actions, components of the belief, and points (a byte each, about four per pulse
 /// duration) of what paths leave of the frames of an anchor, and candidates for virtual anchors that no plan told of, per anchor. Without
-/// points, frames are read no further than to their paths; without candidates, no virtual anchors are looked for.
+/// points, frames are read no further than to their paths; without candidates, no virtual anchors are looked for. With 0 `FRAMES` in place
+/// of 1, ranges alone are received: see [`RangeTracker`].
 #[derive(Clone, Debug)]
 pub struct Tracker<
     const ANCHORS: usize,
@@ -60,6 +61,7 @@ pub struct Tracker<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
+    const FRAMES: usize = 1,
 > {
     config: Config,
     anchors: Vec<Anchor, ANCHORS>,
@@ -68,7 +70,7 @@ pub struct Tracker<
     plan: FloorPlan<SEGMENTS>,
     library: Library<ACTIONS>,
 
-    receiver: Receiver<ANCHORS, PATHS, POINTS>,
+    receiver: Receiver<ANCHORS, PATHS, POINTS, FRAMES>,
     belief: TagBelief<ANCHORS, SURFACES, COMPONENTS>,
     environment: EnvironmentMemory<SURFACES, SOURCES>,
     transmission: TransmissionMemory<SEGMENTS>,
@@ -93,6 +95,12 @@ pub struct Tracker<
     /// By which bits that flip are found.
     seals: Seals<COMPONENTS>,
 }
+
+/// A tracker of ranges alone, without a map: for so many anchors, ranges per anchor and cycle, and components of the belief. It links
+/// neither channel estimator nor planning, and refuses frames. [`Tracker::empty`] makes one; it is started with one action, of whose pulse
+/// it has the resolution of ranges.
+pub type RangeTracker<const ANCHORS: usize, const RANGES: usize, const COMPONENTS: usize> =
+    Tracker<ANCHORS, 0, 0, 0, RANGES, 1, COMPONENTS, 0, 0, 0>;
 
 /// What a tracker can do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,7 +137,8 @@ impl<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
+    const FRAMES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES, FRAMES>
 {
     /// Ends the cycle that [`Self::begin`] began, by what was received since. Returns what was made of it and the next action.
     ///
@@ -217,9 +226,8 @@ impl<
         let mut claimed = Claimed::<ANCHORS, PATHS, CANDIDATES>::new();
         let mut explained = Explained::default();
         for scan in scans.iter() {
-            let view = leader_view(&told, belief.leader(), clutter, scan.anchor);
-            let Some((viewpoint, background)) = view else { continue };
-            let claims = claim(discovery, scan, &viewpoint, &background, &mut claimed);
+            let claims = claim(discovery, &told, belief.leader(), clutter, scan, &mut claimed);
+            let Some(claims) = claims else { continue };
             let surroundings = (&*plan, walls);
             let reader = reader(&told, receiver, clutter, scan);
             let heard = hear(
@@ -353,7 +361,7 @@ impl<
 mod tests {
     use super::*;
     use crate::model::motion::Start;
-    use crate::model::observation::{Observation, Range, RangeScan};
+    use crate::model::observation::{Frame, Observation, Range, RangeScan, Samples};
     use crate::model::plan::Map;
     use crate::radio::library::LIBRARY_PUBLISHED;
 
@@ -409,5 +417,53 @@ mod tests {
                 assert!(covariance.m11 > 0.0 && covariance.m11 < 0.01, "{covariance}");
             }
         }
+    }
+
+    #[test]
+    fn of_ranges_alone_a_tracker_without_estimator_map_and_planning_makes_what_any_other_does_and_refuses_frames()
+     {
+        let places_m = [[0.0_f32, 0.0_f32], [10.0, 0.0], [5.0, 8.0]];
+        let anchors = places_m.map(|position_m| Anchor { position_m, height_m: 0.0 });
+        let start = Start { position_m: [2.0, 2.0], position_std_m: 0.3, velocity_std_m_s: 0.3 };
+        let config = Config { start, ..Config::default() };
+        let library = &LIBRARY_PUBLISHED[..1];
+        let mut own = RangeTracker::<3, 2, 4>::empty();
+        let mut other = Tracker::<3, 1, 1, 1, 2, 1, 4, 16, 0>::new();
+        own.start(&config, &anchors, &Map::default(), library, 1).unwrap();
+        other.start(&config, &anchors, &Map::default(), library, 1).unwrap();
+        assert!(size_of_val(&own) + 4000 < size_of_val(&other));
+        let mut searched = false;
+        for cycle in 0..100_u8 {
+            // It is carried away in between, and found again.
+            let [x, y] = if (30..60).contains(&cycle) { [8.0, 4.0] } else { [2.0, 2.0] };
+            let noise_m = 0.01 * f32::from(cycle % 7);
+            let scans = places_m.map(|[ax, ay]| {
+                let range_m = (x - ax).hypot(y - ay) + noise_m;
+                [Range { range_m, variance_m2: 4e-4 }, Range { range_m: range_m + 3.0, variance_m2: 1e-2 }]
+            });
+            let scans =
+                [0, 1, 2].map(|anchor| Observation::Ranges(RangeScan { anchor, ranges: &scans[anchor] }));
+            let report = own.cycle(&scans, 0.1, None).unwrap();
+            searched |= report.searching;
+            assert_eq!(report.map_full, 0);
+            let expected = other.cycle(&scans, 0.1, None).unwrap();
+            assert_eq!(report.position_m, expected.position_m, "{cycle}");
+            assert_eq!(report.position_covariance_m2, expected.position_covariance_m2);
+            assert_eq!(report.reward.to_bits(), expected.reward.to_bits());
+            assert_eq!(own.belief().leader().agent(), other.belief().leader().agent());
+        }
+        assert!(searched);
+        let before = own.hash();
+        let samples = [[1.0, 0.0]; 100];
+        let frame = Observation::Frame(Frame {
+            anchor: 0,
+            action: 0,
+            sequence: None,
+            first_sample_delay_s: 0.0,
+            samples: Samples::Complex(&samples),
+        });
+        let refused = Error::FrameLength { anchor: 0, given: 100, expected: 0 };
+        assert_eq!(own.cycle(&[frame], 0.1, None).err(), Some(refused));
+        assert_eq!(own.hash(), before);
     }
 }

@@ -9,6 +9,8 @@
 //! action carrier and pulse duration. Per cycle: elapsed time; whether the height is known and the height; the antenna's lever arm; number
 //! of frames; per frame anchor, action, delay of the first sample, kind (0 complex, 1 magnitude), number of
 //! samples, samples; number of ranges; per range anchor, range, variance.
+//!
+//! Kept apart from the replay and what of the core is compiled into it, so that the flash that it takes can be told.
 
 use crate::host::File;
 use cogmint_core::model::observation::{Complex, Frame, Observation, Range, RangeScan, Samples, TagHeight};
@@ -103,6 +105,7 @@ pub struct CycleInput<const ANCHORS: usize, const PATHS: usize> {
 
 impl<const ANCHORS: usize, const PATHS: usize> CycleInput<ANCHORS, PATHS> {
     /// What the tracker gets: frames, then ranges, by anchor; two of each at most.
+    #[inline(never)]
     pub fn observations<'a, const OBSERVATIONS: usize>(
         &'a self,
         samples: &'a [Complex],
@@ -135,6 +138,7 @@ impl<const ANCHORS: usize, const PATHS: usize> CycleInput<ANCHORS, PATHS> {
 
 impl Feed {
     /// Opens the feed and checks its head.
+    #[inline(never)]
     pub fn open() -> Option<Self> {
         let mut feed = Self { file: File::open_feed()? };
         (feed.word()? == MAGIC).then_some(feed)
@@ -170,6 +174,7 @@ impl Feed {
     }
 
     /// Reads the set-up, which comes first.
+    #[inline(never)]
     pub fn setup<const ANCHORS: usize, const SOURCES: usize, const SEGMENTS: usize, const ACTIONS: usize>(
         &mut self,
     ) -> Option<Setup<ANCHORS, SOURCES, SEGMENTS, ACTIONS>> {
@@ -252,6 +257,7 @@ impl Feed {
     }
 
     /// Reads the next cycle, its samples into `samples`.
+    #[inline(never)]
     pub fn cycle<const ANCHORS: usize, const PATHS: usize>(
         &mut self,
         samples: &mut [Complex],

@@ -29,5 +29,5 @@ fn main() -> ! {
     // SAFETY: see `Once`.
     let (tracker, samples) = unsafe { (&mut *TRACKER.0.get(), &mut *FRAMES.0.get()) };
     // A frame and ranges of every anchor.
-    host::end(replay::<2, 8, 24, 32, 16, 40, 8, 800, 6, 4>(tracker, samples))
+    host::end(replay::<2, 8, 24, 32, 16, 40, 8, 800, 6, 1, 4>(tracker, samples))
 }

@@ -21,6 +21,7 @@ pub fn start<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
+    const FRAMES: usize,
 >(
     tracker: &mut Tracker<
         ANCHORS,
@@ -32,6 +33,7 @@ pub fn start<
         COMPONENTS,
         POINTS,
         CANDIDATES,
+        FRAMES,
     >,
     feed: &mut Feed,
 ) -> Result<u32, Fault> {
@@ -60,6 +62,7 @@ pub fn replay<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
+    const FRAMES: usize,
     const OBSERVATIONS: usize,
 >(
     tracker: &mut Tracker<
@@ -72,6 +75,7 @@ pub fn replay<
         COMPONENTS,
         POINTS,
         CANDIDATES,
+        FRAMES,
     >,
     samples: &mut [Complex],
 ) -> Result<(), Fault> {

@@ -319,6 +319,7 @@ impl Setup {
         const COMPONENTS: usize,
         const POINTS: usize,
         const CANDIDATES: usize,
+        const FRAMES: usize,
     >(
         &self,
         tracker: &mut Tracker<
@@ -331,6 +332,7 @@ impl Setup {
             COMPONENTS,
             POINTS,
             CANDIDATES,
+            FRAMES,
         >,
     ) -> Result<(), Error> {
         tracker.start(&self.config, &self.anchors, &self.told(), &self.actions, self.seed)?;

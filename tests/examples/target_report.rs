@@ -1,7 +1,7 @@
 //! Figures of a run on the target: from the image, the firmware's log and the host's trace. Their budgets are in
 //! `budgets.toml`, and `tests/budgets.sh` checks them.
 
-use object::{Object, ObjectSegment, ObjectSymbol};
+use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -37,6 +37,8 @@ struct Report {
     start_stack_bytes: u64,
     frame_buffer_bytes: u64,
     flash_bytes: u64,
+    /// Of that the core's: see [`core_flash_bytes`].
+    flash_core_bytes: u64,
     panic_symbols: usize,
     heap_symbols: usize,
     /// The channel estimator alone.
@@ -52,6 +54,7 @@ struct Report {
     /// Smaller trackers.
     four_anchors: Smaller,
     one_anchor: Smaller,
+    ranges_only: Smaller,
 }
 
 /// A smaller tracker, by an image of its own.
@@ -67,6 +70,7 @@ struct Smaller {
     stack_bytes: u64,
     start_stack_bytes: u64,
     flash_bytes: u64,
+    flash_core_bytes: u64,
 }
 
 impl Smaller {
@@ -83,6 +87,7 @@ impl Smaller {
             stack_bytes: run.stack_bytes,
             start_stack_bytes: run.start_stack_bytes,
             flash_bytes: flash_bytes(&elf),
+            flash_core_bytes: core_flash_bytes(&elf),
         })
     }
 }
@@ -90,6 +95,23 @@ impl Smaller {
 /// Everything that is loaded lies in flash, whatever its section's name.
 fn flash_bytes(elf: &object::File<'_>) -> u64 {
     elf.segments().map(|segment| segment.file_range().1).sum()
+}
+
+/// Flash without what every firmware has of its own: the table of the chip's interrupts, and in place of its radio the feed's reader, the
+/// host's files and the meters. What of the core is compiled into the replay is the core's, and so is the replay, and all that has no symbol.
+fn core_flash_bytes(elf: &object::File<'_>) -> u64 {
+    let vectors = elf.section_by_name(".vector_table").map_or(0, |section| section.size());
+    let is_board = |name: &str| {
+        let of = |module: &str| name.contains(&format!("cogmint_board{}{module}", module.len()));
+        !name.contains("cogmint_core") && ["feed", "host", "meter"].into_iter().any(of)
+    };
+    let mut board = BTreeMap::new();
+    for symbol in elf.symbols().filter(|symbol| symbol.kind() == object::SymbolKind::Text) {
+        if symbol.name().is_ok_and(is_board) {
+            board.insert(symbol.address(), symbol.size());
+        }
+    }
+    flash_bytes(elf) - vectors - board.values().sum::<u64>()
 }
 
 /// Bytes of static variables.
@@ -390,6 +412,7 @@ fn report() -> Result<bool, Box<dyn Error>> {
         start_stack_bytes,
         frame_buffer_bytes,
         flash_bytes: flash_bytes(&elf),
+        flash_core_bytes: core_flash_bytes(&elf),
         panic_symbols: panics.len(),
         heap_symbols: heap.len(),
         instructions_per_stage,
@@ -400,6 +423,7 @@ fn report() -> Result<bool, Box<dyn Error>> {
         planning,
         four_anchors: smaller("four")?,
         one_anchor: smaller("one")?,
+        ranges_only: smaller("ranges")?,
     };
     if arguments.iter().any(|a| a == "--json") {
         println!("{}", serde_json::to_string_pretty(&report)?);
@@ -414,7 +438,8 @@ fn report() -> Result<bool, Box<dyn Error>> {
         && report.filter_walls.equal
         && report.planning.equal
         && report.four_anchors.equal
-        && report.one_anchor.equal;
+        && report.one_anchor.equal
+        && report.ranges_only.equal;
     Ok(equal && report.panic_symbols == 0 && report.heap_symbols == 0)
 }
 
@@ -438,8 +463,8 @@ fn print(report: &Report) {
         report.instructions_per_cycle, report.instructions_without_estimate
     );
     println!(
-        "flash {} bytes; {} panic symbols, {} of a heap",
-        report.flash_bytes, report.panic_symbols, report.heap_symbols
+        "flash {} bytes, of which the core has {}; {} panic symbols, {} of a heap",
+        report.flash_bytes, report.flash_core_bytes, report.panic_symbols, report.heap_symbols
     );
     println!(
         "largest cycle {} instructions; RAM: static variables {} (the tracker {}) + stack {} bytes (start {}); frame \
@@ -489,7 +514,11 @@ fn print(report: &Report) {
         report.planning.instructions[1],
         report.planning.stack_bytes
     );
-    for (of, smaller) in [("four anchors", &report.four_anchors), ("one anchor", &report.one_anchor)] {
+    for (of, smaller) in [
+        ("four anchors", &report.four_anchors),
+        ("one anchor", &report.one_anchor),
+        ("ranges only", &report.ranges_only),
+    ] {
         println!(
             "{of}: {} cycles, bits {} the host's; RAM {} bytes: static variables with the tracker ({}) + stack {} (start {}); \
              flash {} bytes; {} instructions per cycle",

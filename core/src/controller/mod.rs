@@ -162,7 +162,7 @@ impl<const ACTIONS: usize> Controller<ACTIONS> {
         }
         self.policy = policy(&self.values, &self.allowed, settings.choice.temperature_nat);
         let alternatives = self.allowed.iter().filter(|allowed| **allowed).count();
-        if settings.planned_actions == 0 || alternatives < 2 {
+        if ACTIONS < 2 || settings.planned_actions == 0 || alternatives < 2 {
             return;
         }
         let keep = [self.held, self.values.best(&self.allowed)];

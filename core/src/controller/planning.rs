@@ -158,6 +158,9 @@ impl<'a, C: ChannelKnowledge, const ACTIONS: usize> Planner<'a, C, ACTIONS> {
     /// What each of these sources will tell with its action.
     pub fn ahead(&self, sources: impl Iterator<Item = (Visible, usize)>) -> Ahead {
         let mut ahead = [PositionInformation::default(); LONGEST_HORIZON];
+        if ACTIONS < 2 {
+            return ahead; // There is nothing to plan.
+        }
         let mut views = Vec::new();
         for (sight, action) in sources {
             self.look_ahead(&sight, &mut views);

@@ -131,14 +131,15 @@ impl<T: Clone, const N: usize> Slots<T, N> {
 impl<T, const N: usize> core::ops::Deref for Slots<T, N> {
     type Target = [Option<T>];
 
+    // Where there is no room the compiler knows that there is no entry.
     fn deref(&self) -> &Self::Target {
-        &self.0
+        if N == 0 { &[] } else { &self.0 }
     }
 }
 
 impl<T, const N: usize> core::ops::DerefMut for Slots<T, N> {
     fn deref_mut(&mut self) -> &mut [Option<T>] {
-        &mut self.0
+        if N == 0 { &mut [] } else { &mut self.0 }
     }
 }
 

@@ -161,7 +161,9 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
         let std_m = limited(std_m, 0.0, MOST_STD_M);
         let (anchor, tag) = (Corner { at_m: anchor_m, std_m: 0.0 }, Corner { at_m: place_m, std_m });
         let mut paths = Paths { walls: self, anchor, tag, beside: Vec::new() };
-        self.look(&mut paths.beside, anchor_m, &tag);
+        if SEGMENTS > 0 {
+            self.look(&mut paths.beside, anchor_m, &tag);
+        }
         paths
     }
 
@@ -192,7 +194,7 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
 impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
     /// Availability (0 to 1) of the direct path: the product over all walls of what each lets through.
     pub fn direct(&self) -> f32 {
-        if !self.walls.hide {
+        if SEGMENTS == 0 || !self.walls.hide {
             return 1.0;
         }
         self.through(&[self.anchor, self.tag, self.tag, self.tag], ANCHOR, [usize::MAX; 2]).0
@@ -294,6 +296,9 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
 
     /// The walls that the direct path crosses.
     pub fn crossing(&self) -> Crossing {
+        if SEGMENTS == 0 {
+            return Crossing::None;
+        }
         self.through(&[self.anchor, self.tag, self.tag, self.tag], ANCHOR, [usize::MAX; 2]).1
     }
 }

@@ -197,13 +197,14 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
     }
 
     /// The walls.
-    pub fn walls(&self) -> &Vec<Wall, SEGMENTS> {
-        &self.walls
+    // Here and below: where there is no room the compiler knows that there is no entry.
+    pub fn walls(&self) -> &[Wall] {
+        if SEGMENTS == 0 { &[] } else { &self.walls }
     }
 
     /// The segments of all walls, by wall.
-    pub fn segments(&self) -> &Vec<Segment, SEGMENTS> {
-        &self.segments
+    pub fn segments(&self) -> &[Segment] {
+        if SEGMENTS == 0 { &[] } else { &self.segments }
     }
 
     /// The segments of a wall of this plan.
@@ -213,8 +214,8 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
     }
 
     /// Corners of the outline, metres.
-    pub fn outline_m(&self) -> &Vec<[f32; 2], SEGMENTS> {
-        &self.outline_m
+    pub fn outline_m(&self) -> &[[f32; 2]] {
+        if SEGMENTS == 0 { &[] } else { &self.outline_m }
     }
 
     /// Gives a wall its slot in the state filter.
@@ -226,7 +227,7 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
 
     /// The wall that has a slot in the state filter.
     pub fn wall_of(&self, surface: usize) -> Option<usize> {
-        self.walls.iter().position(|wall| wall.surface.map(usize::from) == Some(surface))
+        self.walls().iter().position(|wall| wall.surface.map(usize::from) == Some(surface))
     }
 
     /// The box of the outline, or of the walls where there is no outline: its lower left and upper right corners, metres;
@@ -270,11 +271,11 @@ impl<const SEGMENTS: usize> FloorPlan<SEGMENTS> {
 
     /// By how far a point lies inside the outline, negative outside, metres; infinite where there is no outline.
     pub fn depth_m(&self, point_m: [f32; 2]) -> f32 {
-        depth_m(&self.outline_m, point_m)
+        if self.outline_m().is_empty() { f32::INFINITY } else { depth_m(&self.outline_m, point_m) }
     }
 }
 
-/// See [`FloorPlan::depth_m`].
+/// See [`FloorPlan::depth_m`]: of an outline that has corners.
 #[inline(never)]
 fn depth_m(outline_m: &[[f32; 2]], point_m: [f32; 2]) -> f32 {
     let [x, y] = point_m;
@@ -291,14 +292,14 @@ fn depth_m(outline_m: &[[f32; 2]], point_m: [f32; 2]) -> f32 {
         let (dx, dy) = (x - (ax + share * sx), y - (ay + share * sy));
         nearest = smaller(nearest, dx * dx + dy * dy);
     }
-    if outline_m.is_empty() {
-        return f32::INFINITY;
-    }
     if is_inside { sqrt(nearest) } else { -sqrt(nearest) }
 }
 
 /// On which side of a line, where it is `place_m` from its centre, the outline's inside is.
 fn inside(outline_m: &[[f32; 2]], line: &Line, place_m: f32) -> Inside {
+    if outline_m.is_empty() {
+        return Inside::Either;
+    }
     let ([cx, cy], [nx, ny], [tx, ty]) = (line.centre_m, line.normal, line.tangent());
     let [x, y] = [cx + place_m * tx, cy + place_m * ty];
     let is_inside = |off_m: f32| depth_m(outline_m, [x + off_m * nx, y + off_m * ny]) >= 0.0;

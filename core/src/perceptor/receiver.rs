@@ -34,20 +34,21 @@ pub struct LinkView {
 /// The scans of a cycle, in the order of the anchors.
 pub type Scans<const ANCHORS: usize, const PATHS: usize> = Vec<Scan<PATHS>, ANCHORS>;
 
-/// The receiver of all anchors: what it keeps from cycle to cycle, and what is left of the last frames, by so many points.
+/// The receiver of all anchors: what it keeps from cycle to cycle, and what is left of the last frames, by so many points. With `FRAMES`
+/// 0 it takes ranges alone, and has no channel estimator.
 #[derive(Clone, Debug)]
-pub struct Receiver<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> {
+pub struct Receiver<const ANCHORS: usize, const PATHS: usize, const POINTS: usize, const FRAMES: usize> {
     radio: Radio,
     estimator_settings: EstimatorSettings,
     ranging: Ranging,
-    /// Estimator for the pulse it was last used with; rebuilt when the pulse changes, so no state.
-    estimator: ChannelEstimator<PATHS>,
+    /// Estimator for the pulse it was last used with; rebuilt when the pulse changes, so no state. One serves all anchors.
+    estimator: [ChannelEstimator<PATHS>; FRAMES],
     estimator_pulse: Pulse,
     gain_control: [GainControl; ANCHORS],
     last_sequence: [Option<u32>; ANCHORS],
     /// Time since the last scan and the last frame of every anchor, seconds.
     silent_s: [[f32; 2]; ANCHORS],
-    /// Threshold on the normalised energy of a path, of the last anchor's last frame.
+    /// Threshold on the normalised energy of a path, of the last anchor's last frame; 0 without frames.
     threshold: f32,
     /// What the paths of every anchor's last frame left of it.
     residuals: [Residual<POINTS>; ANCHORS],
@@ -67,14 +68,16 @@ impl<const ANCHORS: usize> Delivered<ANCHORS> {
     pub const NONE: Self = Self { framed: [false; ANCHORS], ranged: [false; ANCHORS] };
 }
 
-impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANCHORS, PATHS, POINTS> {
+impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize, const FRAMES: usize>
+    Receiver<ANCHORS, PATHS, POINTS, FRAMES>
+{
     /// Without a radio: to be started.
     pub const fn empty() -> Self {
         Self {
             radio: Radio::NONE,
             estimator_settings: EstimatorSettings::NONE,
             ranging: Ranging::NONE,
-            estimator: ChannelEstimator::empty(),
+            estimator: [const { ChannelEstimator::empty() }; FRAMES],
             estimator_pulse: Pulse::NONE,
             gain_control: [GainControl::NONE; ANCHORS],
             last_sequence: [None; ANCHORS],
@@ -96,14 +99,12 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         leaves: bool,
         most_work: u32,
     ) {
-        self.estimator.limit_work(most_work);
-        let (spacing_s, samples) = (radio.sample_spacing_s, radio.samples_per_frame);
-        self.estimator.start(pulse, spacing_s, samples, radio.false_paths_per_frame, estimator_settings);
-        self.threshold = self.estimator.threshold(&Samples::Complex(&[]));
         self.radio = radio;
         self.estimator_settings = estimator_settings;
         self.ranging = ranging;
-        self.estimator_pulse = pulse;
+        self.rebuild(pulse, most_work);
+        self.threshold =
+            self.estimator.first().map_or(0.0, |estimator| estimator.threshold(&Samples::Complex(&[])));
         self.leaves = leaves && POINTS > 0;
         self.forget();
     }
@@ -111,7 +112,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     /// Without a radio again.
     #[inline(never)]
     pub fn clear(&mut self) {
-        self.estimator = ChannelEstimator::empty();
+        self.estimator.iter_mut().for_each(|estimator| *estimator = ChannelEstimator::empty());
         self.threshold = 0.0;
         self.radio = Radio::NONE;
         self.estimator_settings = EstimatorSettings::NONE;
@@ -161,6 +162,9 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
             return Err(Error::DuplicateFrame { anchor });
         }
         match observation {
+            Observation::Frame(frame) if FRAMES == 0 => {
+                return Err(Error::FrameLength { anchor, given: frame.samples.len(), expected: 0 });
+            }
             Observation::Frame(frame) => {
                 if library.get(frame.action).is_none() {
                     return Err(Error::UnknownAction { action: frame.action });
@@ -231,15 +235,19 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         library: &Library<ACTIONS>,
         seen: impl FnOnce(&ChannelEstimate<PATHS>),
     ) {
-        let Some(action) = library.get(frame.action) else { return };
-        let pulse = self.radio.pulse(action);
-        if pulse != self.estimator_pulse {
-            let (spacing_s, samples) = (self.radio.sample_spacing_s, self.radio.samples_per_frame);
-            let false_paths = self.radio.false_paths_per_frame;
-            self.estimator.change(pulse, spacing_s, samples, false_paths, self.estimator_settings);
-            self.estimator_pulse = pulse;
+        let Self { radio, estimator, estimator_pulse, .. } = self;
+        let (Some(action), Some(estimator)) = (library.get(frame.action), estimator.first_mut()) else {
+            return;
+        };
+        let pulse = radio.pulse(action);
+        if pulse != *estimator_pulse {
+            let (spacing_s, samples) = (radio.sample_spacing_s, radio.samples_per_frame);
+            let false_paths = radio.false_paths_per_frame;
+            estimator.change(pulse, spacing_s, samples, false_paths, self.estimator_settings);
+            *estimator_pulse = pulse;
         }
-        let estimate = self.estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
+        let estimate = estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
+        scan.cut_short = estimator.is_cut_short(&estimate);
         seen(&estimate);
         let elapsed_s =
             self.silent_s.get_mut(frame.anchor).map_or(0.0, |[_, frame_s]| core::mem::take(frame_s));
@@ -249,13 +257,12 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
         }
         let Self { ranging, estimator, radio, residuals, .. } = self;
         if self.leaves
-            && let Some(residual) = residuals.get_mut(frame.anchor)
+            && let (Some(estimator), Some(residual)) = (estimator.first(), residuals.get_mut(frame.anchor))
         {
             let longest_m = ranging.max_range_m;
             estimator.leave(frame.samples, frame.first_sample_delay_s, &estimate, longest_m, residual);
         }
         scan.action = frame.action;
-        scan.cut_short = estimator.is_cut_short(&estimate);
         let pulse_m = pulse.duration_s * SPEED_OF_LIGHT_M_S;
         scan.frame = Some(FrameLevel {
             level: estimate.noise,
@@ -300,15 +307,20 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     /// What is left of the frame in a scan; `None` where that is not kept, or there is none.
     pub fn residual(&self, scan: &Scan<PATHS>) -> Option<&Residual<POINTS>> {
         let residual = self.residuals.get(scan.anchor)?;
-        (self.leaves && scan.is_framed()).then_some(residual)
+        (POINTS > 0 && self.leaves && Self::has_frame(scan)).then_some(residual)
+    }
+
+    /// Whether a frame was received with a scan.
+    pub fn has_frame(scan: &Scan<PATHS>) -> bool {
+        FRAMES > 0 && scan.is_framed()
     }
 
     /// All of a cycle is received.
     pub fn complete(&mut self, scans: &mut Scans<ANCHORS, PATHS>) {
         for scan in scans {
-            scan.grade_paths();
             // In the order of the anchors, whichever came last.
-            if scan.is_framed() {
+            if Self::has_frame(scan) {
+                scan.grade_paths();
                 self.threshold = scan.threshold();
             }
         }
@@ -368,17 +380,19 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
     /// Makes the estimator anew, for this pulse and as much work on a frame.
     #[inline(never)]
     pub(crate) fn rebuild(&mut self, pulse: Pulse, most_work: u32) {
-        self.estimator.limit_work(most_work);
         let (spacing_s, samples) = (self.radio.sample_spacing_s, self.radio.samples_per_frame);
         let false_paths = self.radio.false_paths_per_frame;
-        self.estimator.start(pulse, spacing_s, samples, false_paths, self.estimator_settings);
+        for estimator in &mut self.estimator {
+            estimator.limit_work(most_work);
+            estimator.start(pulse, spacing_s, samples, false_paths, self.estimator_settings);
+        }
         self.estimator_pulse = pulse;
     }
 
     /// Whether finite numbers are what they may be.
     pub(crate) fn is_sound(&self) -> bool {
         let is_time = |silent_s: &f32| *silent_s >= 0.0;
-        self.threshold > 0.0 && self.silent_s.iter().flatten().all(is_time)
+        (FRAMES == 0 || self.threshold > 0.0) && self.silent_s.iter().flatten().all(is_time)
     }
 
     /// Threshold on the normalised energy of a path: that of the last anchor's last frame.
@@ -388,7 +402,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize> Receiver<ANC
 }
 
 stored!(
-    Receiver<const ANCHORS, const PATHS, const POINTS> { gain_control, last_sequence, silent_s, threshold, residuals }
+    Receiver<const ANCHORS, const PATHS, const POINTS, const FRAMES> { gain_control, last_sequence, silent_s, threshold, residuals }
     told { radio, estimator_settings, ranging, leaves }
     made { estimator, estimator_pulse }
 );

@@ -62,7 +62,8 @@ pub const ROTATION_LIMIT: f32 = 1.0;
 pub const ROTATION_WALK_PER_M2: f32 = 0.04;
 
 /// Joint covariance in blocks.
-#[derive(Clone, Debug)]
+// A copy as a whole: number by number it would be 0.3 KB of code, wherever a state is cloned.
+#[derive(Clone, Copy, Debug)]
 struct Covariance<const ANCHORS: usize, const SURFACES: usize> {
     xx: Matrix4<f32>,
     xb: [Vector4<f32>; ANCHORS],
@@ -73,7 +74,7 @@ struct Covariance<const ANCHORS: usize, const SURFACES: usize> {
 }
 
 /// The mean, and with it the direction of an update.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct StateVector<const ANCHORS: usize, const SURFACES: usize> {
     agent: Vector4<f32>,
     bias_m: [f32; ANCHORS],
@@ -182,11 +183,9 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             && self.estimate_bias == range_biases_m.iter().any(|[_, std_m]| *std_m > 0.0);
         let agent_m2 = [xx.m11, xx.m22, xx.m33, xx.m44];
         let is_variance = |variance: f32| variance >= 0.0;
-        // Twice as much as is possible leaves room for rounding.
-        let may_be = |c: f32, a: f32, b: f32| c * c <= 4.0 * (a * b) + f32::MIN_POSITIVE;
         let mut is_sound = is_told && agent_m2.into_iter().all(is_variance);
         for (column, a) in xx.column_iter().zip(agent_m2) {
-            is_sound &= column.iter().zip(agent_m2).all(|(c, b)| may_be(*c, a, b));
+            is_sound &= may_be(column.as_slice(), a, &agent_m2);
         }
         let mut biases_m2 = [0.0; ANCHORS];
         for (anchor, (variance_m2, row)) in biases_m2.iter_mut().zip(bb).enumerate() {
@@ -194,8 +193,8 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
         }
         for ((own_m2, row), cross) in biases_m2.iter().zip(bb).zip(xb) {
             is_sound &= is_variance(*own_m2)
-                && row.iter().zip(&biases_m2).all(|(c, other)| may_be(*c, *own_m2, *other))
-                && cross.iter().zip(agent_m2).all(|(c, other)| may_be(*c, *own_m2, other));
+                && may_be(row, *own_m2, &biases_m2)
+                && may_be(cross.as_slice(), *own_m2, &agent_m2);
         }
         for ((([first, second], xs), bs), surface) in ss.variances().zip(xs).zip(bs).zip(&self.surfaces) {
             if surface.is_none() {
@@ -203,10 +202,10 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             }
             is_sound &= is_variance(*first) && is_variance(*second);
             for (column, own) in xs.column_iter().zip([*first, *second]) {
-                is_sound &= column.iter().zip(agent_m2).all(|(c, other)| may_be(*c, own, other));
+                is_sound &= may_be(column.as_slice(), own, &agent_m2);
             }
             for (c, other) in bs.iter().zip(&biases_m2) {
-                is_sound &= may_be(c.x, *first, *other) && may_be(c.y, *second, *other);
+                is_sound &= may_be(c.as_slice(), *other, &[*first, *second]);
             }
         }
         is_sound
@@ -633,7 +632,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     /// The mixture of this Gaussian with another one over the same surfaces, whose weight is this `share`, as one Gaussian of the
     /// same mean and covariance.
     pub fn merge(&mut self, other: &Self, share: f32) {
-        let mut apart = other.mean.clone();
+        let mut apart = other.mean;
         apart.agent -= self.mean.agent;
         for (apart, own) in apart.bias_m.iter_mut().zip(&self.mean.bias_m) {
             *apart -= own;
@@ -996,7 +995,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             return;
         }
         self.cover_rounding();
-        let prior = self.mean.clone();
+        let prior = self.mean;
         let mut pending = Pending::<SURFACES, CHANGES_PER_PASS>::new();
         for innovation in innovations {
             self.apply(&innovation, &prior, &mut pending);
@@ -1206,6 +1205,7 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
     }
 
     /// Every number of the state, in a fixed order, for traces.
+    #[inline(never)]
     pub fn visit(&self, mut f: impl FnMut(f32)) {
         self.mean.agent.iter().for_each(|v| f(*v));
         self.mean.bias_m.iter().for_each(|v| f(*v));
@@ -1232,6 +1232,13 @@ impl<const ANCHORS: usize, const SURFACES: usize> StateFilter<ANCHORS, SURFACES>
             blocks.for_each(|block| block.iter().for_each(|v| f(*v)));
         }
     }
+}
+
+/// Whether numbers may be the covariances of one of this variance with others of those.
+#[inline(never)]
+fn may_be(covariances: &[f32], variance: f32, others: &[f32]) -> bool {
+    // Twice as much as is possible leaves room for rounding.
+    covariances.iter().zip(others).all(|(c, other)| c * c <= 4.0 * (variance * other) + f32::MIN_POSITIVE)
 }
 
 /// What is known of a range after something else than measurements of it.

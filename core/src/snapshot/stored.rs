@@ -215,7 +215,7 @@ impl<T: Blank> Blank for Option<T> {
 
 impl<T: Written, const N: usize> Written for Vec<T, N> {
     fn write(&self, to: &mut impl Sink) {
-        if to.list(self.len(), N) {
+        if to.list(self.len(), N) && N > 0 {
             T::write_all(self, to);
         }
     }

@@ -42,15 +42,6 @@ impl<
     const CANDIDATES: usize,
 > Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
 {
-    /// Does not compile where a capacity is out of its bounds, and says which.
-    #[allow(clippy::panic)] // of the compiler
-    const BOUNDS: () = {
-        let broken = broken_bound(ANCHORS, SURFACES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS);
-        if let Some(bound) = broken {
-            panic!("{}", bound);
-        }
-    };
-
     /// An empty tracker, to be started where it stays: of a static, all zeros, which take no flash.
     ///
     /// Capacities out of their bounds do not compile, and the error names the bound:
@@ -62,6 +53,35 @@ impl<
     #[inline(always)] // built where it stays
     #[allow(clippy::new_without_default)] // a default is made on the stack
     pub const fn new() -> Self {
+        Self::empty()
+    }
+}
+
+impl<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const SOURCES: usize,
+    const SEGMENTS: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+    const COMPONENTS: usize,
+    const POINTS: usize,
+    const CANDIDATES: usize,
+    const FRAMES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES, FRAMES>
+{
+    /// Does not compile where a capacity is out of its bounds, and says which.
+    #[allow(clippy::panic)] // of the compiler
+    const BOUNDS: () = {
+        let broken = broken_bound(ANCHORS, SURFACES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, FRAMES);
+        if let Some(bound) = broken {
+            panic!("{}", bound);
+        }
+    };
+
+    /// [`Self::new`] of any tracker, one that takes ranges alone ([`RangeTracker`](crate::RangeTracker)) among them.
+    #[inline(always)] // built where it stays
+    pub const fn empty() -> Self {
         let () = Self::BOUNDS;
         Self {
             config: Config::NONE,
@@ -156,7 +176,8 @@ impl<
             }
         };
         *own = *config;
-        *digest = map.digest();
+        // Of a map that there is no room for, nothing is told.
+        *digest = if SOURCES == 0 { 0 } else { map.digest() };
         let own = &*own;
         let Config { start, ranging, .. } = own;
         receiver.start(own.radio, own.estimator, *ranging, pulse, own.belief.reads_below_threshold, own.work.frame);
@@ -177,7 +198,9 @@ impl<
                 enter_heading(filter, environment, own.belief.turns_per_s);
             }
             enter_virtual_anchors(filter, environment, map.virtual_anchors, own.exact_map);
-            if let Some(told) = &map.plan {
+            if SEGMENTS > 0
+                && let Some(told) = &map.plan
+            {
                 enter_plan(filter, environment, plan, told, own_anchors, own, library.shortest_pulse_m());
             }
         });

@@ -82,7 +82,8 @@ impl<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
+    const FRAMES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES, FRAMES>
 {
     /// Seal of all that was told.
     #[inline(never)]
@@ -182,8 +183,7 @@ impl<
         }
         let mut integrity = Integrity::NONE;
         let last = &self.seals.belief;
-        let seals = self.belief.seals(|component| last.has(component));
-        let broken = self.belief.broken(&seals, Some(last), |_| true);
+        let broken = BrokenBelief::flipped(&self.belief.seals(&last.sealed()), last);
         if broken.is_any() {
             integrity.flipped.add(Part::Belief);
         }
@@ -221,8 +221,8 @@ impl<
         self.seals.is_made = true;
         let turn = (self.cycle % TURN) as usize;
         let is_component_due = |component: usize| is_first || component % TURN as usize == turn;
-        self.seals.belief = self.belief.seals(is_component_due);
-        let broken = self.belief.broken(&self.seals.belief, None, |filter| self.is_filter_sound(filter));
+        self.seals.belief = self.belief.seals(&core::array::from_fn(is_component_due));
+        let broken = self.belief.broken(&self.seals.belief, |filter| self.is_filter_sound(filter));
         let mut parts = [None; PARTS];
         for (part, place) in Part::ALL.into_iter().skip(1).zip(&mut parts) {
             if !is_first && !self.is_due(part) {
@@ -237,7 +237,7 @@ impl<
         self.seals.parts = parts;
         if broken.is_any() || !integrity.is_intact() {
             self.mend(&broken, &mut integrity);
-            self.seals.belief = self.belief.seals(|_| true);
+            self.seals.belief = self.belief.seals(&[true; COMPONENTS]);
             for (part, place) in Part::ALL.into_iter().skip(1).zip(&mut parts) {
                 *place = Some(self.seal_of(part));
             }

@@ -125,7 +125,8 @@ impl<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
+    const FRAMES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES, FRAMES>
 {
     /// Writes the map alone between two cycles; its length, bytes. With no buffer, the error tells that length. Unlike a snapshot, it
     /// outlives other settings, actions and sizes: see [`Self::restore_map`].
@@ -280,10 +281,11 @@ impl<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
+    const FRAMES: usize,
 > Written
     for MapWriter<
         '_,
-        Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>,
+        Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES, FRAMES>,
     >
 {
     fn write(&self, to: &mut impl Sink) {

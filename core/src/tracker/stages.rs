@@ -2,12 +2,12 @@
 
 use super::joining::join;
 use super::values::{
-    Known, Place, Seen, Told, detections_anywhere, discovery_view, planning_state, walls_now,
+    Known, Place, Seen, Told, detections_anywhere, discovery_view, leader_view, planning_state, walls_now,
 };
 use crate::controller::{Controller, Controllers, Decision};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
-use crate::memory::discovery::{Background, Claims, Discovery, Viewpoint};
+use crate::memory::discovery::{Claims, Discovery};
 use crate::memory::environment::{Admission, EnvironmentMemory, Placed, Removed};
 use crate::memory::lateness::LatenessMemory;
 use crate::memory::transmission::TransmissionMemory;
@@ -86,21 +86,32 @@ impl Heard {
     }
 }
 
-/// What an anchor's candidates claim of its scan, which becomes the last that is claimed; by how much they make each measurement more
-/// probable than clutter alone.
+/// What an anchor's candidates claim of its scan as the leader sees them, which becomes the last that is claimed; by how much they make each
+/// measurement more probable than clutter alone.
 #[inline(never)]
-pub(super) fn claim<const ANCHORS: usize, const PATHS: usize, const CANDIDATES: usize>(
+pub(super) fn claim<
+    const ANCHORS: usize,
+    const SURFACES: usize,
+    const PATHS: usize,
+    const ACTIONS: usize,
+    const CANDIDATES: usize,
+>(
     discovery: &Discovery<ANCHORS, CANDIDATES>,
+    told: &Told<'_, ANCHORS, ACTIONS>,
+    leader: &StateFilter<ANCHORS, SURFACES>,
+    clutter: &ClutterMemory<ANCHORS>,
     scan: &Scan<PATHS>,
-    viewpoint: &Viewpoint,
-    background: &Background,
     claimed: &mut Claimed<ANCHORS, PATHS, CANDIDATES>,
-) -> [f32; PATHS] {
+) -> Option<[f32; PATHS]> {
+    if CANDIDATES == 0 {
+        return Some([1.0; PATHS]);
+    }
+    let (viewpoint, background) = &leader_view(told, leader, clutter, scan.anchor)?;
     let claims = discovery.claim(scan.anchor, viewpoint, &scan.measurements, background);
     let totals = claims.totals();
     // As many as scans: the push succeeds.
     let _ = claimed.push(claims);
-    totals
+    Some(totals)
 }
 
 /// What reads the rest of the frame in a scan; `None` where that is not kept.
@@ -110,9 +121,10 @@ pub(super) fn reader<
     const PATHS: usize,
     const ACTIONS: usize,
     const POINTS: usize,
+    const FRAMES: usize,
 >(
     told: &Told<'_, ANCHORS, ACTIONS>,
-    receiver: &'a Receiver<ANCHORS, PATHS, POINTS>,
+    receiver: &'a Receiver<ANCHORS, PATHS, POINTS, FRAMES>,
     clutter: &'a ClutterMemory<ANCHORS>,
     scan: &Scan<PATHS>,
 ) -> Option<Reader<'a, POINTS>> {
@@ -128,10 +140,11 @@ pub(super) fn look_beside<
     const PATHS: usize,
     const ACTIONS: usize,
     const POINTS: usize,
+    const FRAMES: usize,
 >(
     clutter: &mut ClutterMemory<ANCHORS>,
     told: &Told<'_, ANCHORS, ACTIONS>,
-    receiver: &Receiver<ANCHORS, PATHS, POINTS>,
+    receiver: &Receiver<ANCHORS, PATHS, POINTS, FRAMES>,
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
     outcomes.each(|outcome| {
@@ -340,7 +353,9 @@ pub(super) fn act<
     let agent = known.filter.agent();
     let state = &planning_state(told.config, &agent, threshold, elapsed_s);
     let place = Place::of(&agent);
-    let seen = Seen::<ANCHORS, SOURCES>::new(known.visible(told, place));
+    // With one action there is nothing to plan.
+    let seen =
+        if ACTIONS > 1 { Seen::new(known.visible(told, place)) } else { Seen::<ANCHORS, SOURCES>::NONE };
     controllers.decide(earned, is_searching, is_lost, scans, state, seen.iter(), known.channel, told.library)
 }
 
@@ -355,12 +370,13 @@ pub(super) fn remember<
     const PATHS: usize,
     const ACTIONS: usize,
     const POINTS: usize,
+    const FRAMES: usize,
 >(
     environment: &mut EnvironmentMemory<SURFACES, SOURCES>,
     channel: &mut ChannelMemory<ANCHORS, SOURCES, ACTIONS>,
     clutter: &mut ClutterMemory<ANCHORS>,
     lateness: &mut LatenessMemory<ANCHORS>,
-    receiver: &mut Receiver<ANCHORS, PATHS, POINTS>,
+    receiver: &mut Receiver<ANCHORS, PATHS, POINTS, FRAMES>,
     told: &Told<'_, ANCHORS, ACTIONS>,
     is_lost: impl Fn(usize) -> bool,
     (is_searching, is_sure): (bool, bool),
@@ -368,7 +384,8 @@ pub(super) fn remember<
     outcomes: &Outcomes<'_, ANCHORS, SOURCES, PATHS>,
 ) {
     let library = told.library;
-    let framed = outcomes.scans().filter(|scan| scan.is_framed());
+    let is_framed = Receiver::<ANCHORS, PATHS, POINTS, FRAMES>::has_frame;
+    let framed = outcomes.scans().filter(|scan| is_framed(scan));
     for scan in framed.filter(|scan| !is_lost(scan.anchor)) {
         // The tag was found: with which action, tells what gain control had hidden.
         if let Some(excess_ln) = receiver.found(scan.anchor) {
@@ -382,15 +399,19 @@ pub(super) fn remember<
         // What is missing from a doubtful place may be where it was: the tag is not.
         if !is_sure {
             // Under gain control, what is heard with an action that a lost tag is sought with cannot be compared yet.
-            if !receiver.is_sought(scan.anchor) {
-                channel.observe(outcome, library, false);
+            if is_framed(scan) && !receiver.is_sought(scan.anchor) {
+                channel.observe_frame(outcome, library, false);
             }
         } else {
             environment.observe(outcome);
             for (timing, probability) in outcome.timings() {
                 lateness.observe(scan.anchor, &timing, probability);
             }
-            channel.observe(outcome, library, true);
+            if is_framed(scan) {
+                channel.observe_frame(outcome, library, true);
+            } else {
+                channel.observe_ranges(outcome);
+            }
         }
         if !is_searching {
             clutter.observe(scan.anchor, outcome.unexplained(), scan.elapsed_s);

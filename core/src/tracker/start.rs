@@ -14,6 +14,7 @@ use heapless::Vec;
 use nalgebra::Vector2;
 
 /// The bound that these capacities break, if there is one.
+#[allow(clippy::too_many_arguments)] // each is a capacity
 pub(super) const fn broken_bound(
     anchors: usize,
     surfaces: usize,
@@ -22,6 +23,7 @@ pub(super) const fn broken_bound(
     actions: usize,
     components: usize,
     points: usize,
+    frames: usize,
 ) -> Option<&'static str> {
     if anchors == 0 {
         Some("ANCHORS is 0: a tracker has one anchor at least")
@@ -39,6 +41,8 @@ pub(super) const fn broken_bound(
         Some("COMPONENTS is 0: a belief has one component at least")
     } else if points > 65_535 {
         Some("POINTS is above 65535: their count has two bytes in a snapshot")
+    } else if frames > 1 {
+        Some("FRAMES is above 1: one channel estimator serves all anchors")
     } else {
         None
     }
@@ -227,12 +231,12 @@ mod tests {
 
     #[test]
     fn capacities_out_of_bounds_are_named() {
-        const LEAST: [usize; 7] = [1, 0, 0, 1, 1, 1, 0];
+        const LEAST: [usize; 8] = [1, 0, 0, 1, 1, 1, 0, 0];
         let broken = |index: usize, value: usize| {
             let mut sizes = LEAST;
             sizes[index] = value;
-            let [anchors, surfaces, segments, paths, actions, components, points] = sizes;
-            broken_bound(anchors, surfaces, segments, paths, actions, components, points)
+            let [anchors, surfaces, segments, paths, actions, components, points, frames] = sizes;
+            broken_bound(anchors, surfaces, segments, paths, actions, components, points, frames)
         };
         assert_eq!(broken(0, 1), None);
         let bounds = [
@@ -244,6 +248,7 @@ mod tests {
             (4, "ACTIONS", [None, Some(0)]),
             (5, "COMPONENTS", [None, Some(0)]),
             (6, "POINTS", [Some(65_535), Some(65_536)]),
+            (7, "FRAMES", [Some(1), Some(2)]),
         ];
         for (index, name, [most, beyond]) in bounds {
             assert!(most.is_none_or(|most| broken(index, most).is_none()), "{name}");

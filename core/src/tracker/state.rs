@@ -38,7 +38,8 @@ impl<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
+    const FRAMES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES, FRAMES>
 {
     /// Narrows what may be chosen for `anchor` to these actions of the library: what its radio can do, or may. Where all
     /// anchors share one choice, it is narrowed for all. To be called before the first cycle: an action that is no longer

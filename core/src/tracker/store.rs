@@ -13,7 +13,8 @@ impl<
     const COMPONENTS: usize,
     const POINTS: usize,
     const CANDIDATES: usize,
-> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES>
+    const FRAMES: usize,
+> Tracker<ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES, FRAMES>
 {
     /// Writes the state between two cycles; the length of the snapshot, bytes. With no buffer, the error tells that length.
     ///
@@ -51,6 +52,10 @@ impl<
         let mut digest = Digest::default();
         [ANCHORS, SURFACES, SOURCES, SEGMENTS, PATHS, ACTIONS, COMPONENTS, POINTS, CANDIDATES]
             .write(&mut digest);
+        // As long as all trackers took frames, this was not among them.
+        if FRAMES == 0 {
+            FRAMES.write(&mut digest);
+        }
         config.write(&mut digest);
         anchors.write(&mut digest);
         range_biases_m.write(&mut digest);
@@ -66,7 +71,7 @@ impl<
 stored!(
     Tracker<
         const ANCHORS, const SURFACES, const SOURCES, const SEGMENTS, const PATHS, const ACTIONS, const COMPONENTS, const POINTS,
-        const CANDIDATES
+        const CANDIDATES, const FRAMES
     > {
         receiver, belief, environment, transmission, discovery, clutter, lateness, channel, controllers, cycle, last_heard,
         lever_arm_m

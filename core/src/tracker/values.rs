@@ -321,6 +321,9 @@ pub(super) struct Seen<const ANCHORS: usize, const SOURCES: usize> {
 }
 
 impl<const ANCHORS: usize, const SOURCES: usize> Seen<ANCHORS, SOURCES> {
+    /// No sources.
+    pub(super) const NONE: Self = Self { direct: Vec::new(), images: Vec::new() };
+
     /// Keeps them.
     #[inline(always)] // built where it stays
     pub(super) fn new(sources: impl Iterator<Item = Visible>) -> Self {

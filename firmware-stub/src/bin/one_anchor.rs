@@ -23,5 +23,5 @@ fn main() -> ! {
     // SAFETY: see `Once`.
     let (tracker, samples) = unsafe { (&mut *TRACKER.0.get(), &mut *FRAMES.0.get()) };
     // A frame and ranges of every anchor.
-    host::end(replay::<1, 4, 8, 8, 8, 2, 4, 256, 0, 2>(tracker, samples))
+    host::end(replay::<1, 4, 8, 8, 8, 2, 4, 256, 0, 1, 2>(tracker, samples))
 }

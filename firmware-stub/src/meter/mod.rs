@@ -54,6 +54,7 @@ impl StageMeter {
     ///
     /// # Errors
     /// The cycle was longer than the counter, or the stack is used up.
+    #[inline(never)]
     pub fn per_stage(&self) -> Result<impl Iterator<Item = Instructions>, MeterError> {
         self.counter.ticks()?;
         if !self.is_stack_free {

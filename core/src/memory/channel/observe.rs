@@ -12,25 +12,23 @@ use crate::real::larger;
 impl<const ANCHORS: usize, const SOURCES: usize, const ACTIONS: usize>
     ChannelMemory<ANCHORS, SOURCES, ACTIONS>
 {
-    /// SINR and visibility of every source of a frame whose path was probably seen, visibility alone of those of a scan of ranges;
-    /// from roughly where the tag is (`is_placed` false), what the noise of the frame tells alone.
+    /// Visibility of every source of a scan of ranges, of which it is known only whether they are there.
+    pub fn observe_ranges<const PATHS: usize>(&mut self, associated: &AssociatedScan<'_, SOURCES, PATHS>) {
+        for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
+            self.remember_missed(regression.source, view.found, belief.missed, 1.0);
+        }
+    }
+
+    /// SINR and visibility of every source of a frame whose path was probably seen; from roughly where the tag is (`is_placed` false), what
+    /// the noise of the frame tells alone.
     #[inline(never)]
-    pub fn observe<const PATHS: usize>(
+    pub fn observe_frame<const PATHS: usize>(
         &mut self,
         associated: &AssociatedScan<'_, SOURCES, PATHS>,
         library: &Library<ACTIONS>,
         is_placed: bool,
     ) {
         let scan = associated.scan;
-        if !scan.is_framed() {
-            // Of ranges it is known only whether they are there.
-            if is_placed {
-                for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {
-                    self.remember_missed(regression.source, view.found, belief.missed, 1.0);
-                }
-            }
-            return;
-        }
         let shares = self.shares(scan.action, library);
         let jump = self.jump(associated);
         for ((regression, belief), view) in associated.features().zip(associated.expected.views()) {

@@ -168,6 +168,11 @@ impl<const ANCHORS: usize, const CANDIDATES: usize> Discovery<ANCHORS, CANDIDATE
         self.clear();
     }
 
+    /// The candidates by anchor. Where there is room for none the compiler knows that there is none.
+    fn lists(&self) -> &[Vec<Candidate, CANDIDATES>] {
+        if CANDIDATES == 0 { &[] } else { &self.candidates }
+    }
+
     /// Number of candidates of an anchor.
     pub fn candidates(&self, anchor: usize) -> usize {
         self.candidates.get(anchor).map_or(0, |candidates| candidates.len())
@@ -180,16 +185,19 @@ impl<const ANCHORS: usize, const CANDIDATES: usize> Discovery<ANCHORS, CANDIDATE
 
     /// Whether lists are within their memory.
     pub(crate) fn fits(&self) -> bool {
-        self.candidates.iter().all(|own| own.len() <= CANDIDATES && own.iter().all(Candidate::fits))
+        self.lists().iter().all(|own| own.len() <= CANDIDATES && own.iter().all(Candidate::fits))
     }
 
     /// Whether finite numbers are what they may be.
     pub(crate) fn is_sound(&self) -> bool {
-        self.candidates.iter().flatten().all(Candidate::is_sound)
+        self.lists().iter().flatten().all(Candidate::is_sound)
     }
 
     /// The state filter has predicted the agent by a step of the motion.
     pub fn predict(&mut self, before: &Agent, after: &Agent, step: &MotionStep) {
+        if CANDIDATES == 0 {
+            return;
+        }
         if after.covariance.m11 + after.covariance.m22 > LOST_M2 {
             self.clear();
             return;
@@ -200,6 +208,9 @@ impl<const ANCHORS: usize, const CANDIDATES: usize> Discovery<ANCHORS, CANDIDATE
 
     /// The state filter has updated the agent: what that says about the candidates.
     pub fn follow(&mut self, before: &Agent, after: &Agent) {
+        if CANDIDATES == 0 {
+            return;
+        }
         let step = Correction::new(before, after);
         self.candidates.iter_mut().flatten().for_each(|candidate| candidate.follow(&step));
     }
@@ -308,7 +319,7 @@ impl<const ANCHORS: usize, const CANDIDATES: usize> Discovery<ANCHORS, CANDIDATE
         for candidates in &self.candidates {
             f(candidates.len() as f32);
         }
-        self.candidates.iter().flatten().for_each(|candidate| candidate.visit(&mut f));
+        self.lists().iter().flatten().for_each(|candidate| candidate.visit(&mut f));
     }
 }
 

@@ -112,12 +112,12 @@ impl<const ANCHORS: usize, const SURFACES: usize> Component<ANCHORS, SURFACES> {
     }
 
     /// Every number of the state, in a fixed order, for traces.
-    pub(super) fn visit(&self, mut f: impl FnMut(f32)) {
-        self.filter.visit(&mut f);
+    pub(super) fn visit(&self, f: &mut impl FnMut(f32)) {
+        self.filter.visit(&mut *f);
         f(self.weight_nat);
         f(f32::from(self.age));
-        self.outages.visit(&mut f);
-        self.hindrance.from_m.into_iter().for_each(&mut f);
+        self.outages.visit(&mut *f);
+        self.hindrance.from_m.into_iter().for_each(&mut *f);
         f(self.hindrance.nat);
     }
 }

@@ -23,9 +23,9 @@ pub(crate) struct BeliefSeals<const COMPONENTS: usize> {
 }
 
 impl<const COMPONENTS: usize> BeliefSeals<COMPONENTS> {
-    /// Whether a component was sealed.
-    pub(crate) fn has(&self, component: usize) -> bool {
-        self.components.get(component).is_some_and(Option::is_some)
+    /// Which components were sealed.
+    pub(crate) fn sealed(&self) -> [bool; COMPONENTS] {
+        self.components.map(|sealed| sealed.is_some())
     }
 
     /// Of a belief that was not sealed yet.
@@ -41,6 +41,22 @@ pub(crate) struct BrokenBelief<const COMPONENTS: usize> {
 }
 
 impl<const COMPONENTS: usize> BrokenBelief<COMPONENTS> {
+    const NONE: Self = Self { common: false, trusted: false, components: [false; COMPONENTS] };
+
+    /// Those whose seals are not the `last` ones.
+    #[inline(never)]
+    pub(crate) fn flipped(seals: &BeliefSeals<COMPONENTS>, last: &BeliefSeals<COMPONENTS>) -> Self {
+        let mut broken = Self::NONE;
+        broken.common = seals.common != last.common;
+        broken.trusted = seals.trusted != last.trusted;
+        let places = seals.components.iter().zip(&last.components);
+        for (is_broken, (own, last)) in broken.components.iter_mut().zip(places) {
+            // Where it is not known how many there are, those that were not sealed may be none.
+            *is_broken = if last.is_some() { own != last } else { broken.common };
+        }
+        broken
+    }
+
     /// Whether any is.
     pub(crate) fn is_any(&self) -> bool {
         self.common || self.trusted || self.components.contains(&true)
@@ -52,7 +68,7 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
 {
     /// Seals it: the leader, and of the other components those that are `due`.
     #[inline(never)]
-    pub(crate) fn seals(&self, due: impl Fn(usize) -> bool) -> BeliefSeals<COMPONENTS> {
+    pub(crate) fn seals(&self, due: &[bool; COMPONENTS]) -> BeliefSeals<COMPONENTS> {
         let common = seal_with(|to| {
             let is_whole = crate::snapshot::Sink::list(to, self.components.len(), COMPONENTS);
             (is_whole, self.slots, self.leader, self.heard).write(to);
@@ -62,36 +78,24 @@ impl<const ANCHORS: usize, const SURFACES: usize, const COMPONENTS: usize>
             self.is_doubtful.write(to);
         });
         let mut components = [None; COMPONENTS];
-        for (index, (sealed, component)) in components.iter_mut().zip(&self.components).enumerate() {
-            if index == self.leader || due(index) {
+        let places = components.iter_mut().zip(due);
+        for (index, ((sealed, due), component)) in places.zip(&self.components).enumerate() {
+            if index == self.leader || *due {
                 *sealed = Some(seal(component));
             }
         }
         BeliefSeals { common: Some(common), trusted: Some(seal(&self.trusted)), components }
     }
 
-    /// What is broken: where the seals are not the `last` ones, if there are any; otherwise where numbers are not finite, or not what
-    /// they may be.
+    /// What is broken: where numbers are not finite, or not what they may be.
     #[inline(never)]
     pub(crate) fn broken(
         &self,
         seals: &BeliefSeals<COMPONENTS>,
-        last: Option<&BeliefSeals<COMPONENTS>>,
         is_sound: impl Fn(&StateFilter<ANCHORS, SURFACES>) -> bool,
     ) -> BrokenBelief<COMPONENTS> {
         let is_weight = |nat: f32| nat <= 1e-3;
-        let mut broken = BrokenBelief { common: false, trusted: false, components: [false; COMPONENTS] };
-        if let Some(last) = last {
-            broken.common = seals.common != last.common;
-            broken.trusted = seals.trusted != last.trusted;
-            for (is_broken, (own, last)) in
-                broken.components.iter_mut().zip(seals.components.iter().zip(&last.components))
-            {
-                // Where it is not known how many there are, those that were not sealed may be none.
-                *is_broken = if last.is_some() { own != last } else { broken.common };
-            }
-            return broken;
-        }
+        let mut broken = BrokenBelief::NONE;
         broken.common = !seals.common.is_some_and(Sealed::is_whole)
             || self.leader >= self.components.len()
             || !is_probability(self.summary.probability)

@@ -250,6 +250,9 @@ impl<const SOURCES: usize> Expectations<SOURCES> {
     /// Takes into account that paths received with this pulse disturb each other.
     #[inline(never)]
     pub fn disturb(&mut self, pulse: &Pulse) {
+        if SOURCES == 0 {
+            return; // The direct path has no neighbours.
+        }
         let Self { direct, direct_path, virtual_anchors, expectations, views } = self;
         let first = arrival(direct_path, views.0.sinr);
         let mut others: Vec<Arrival, SOURCES> = Vec::new();

@@ -14,7 +14,7 @@ use crate::snapshot::stored;
 use nalgebra::{Matrix2, Vector2};
 
 /// The covariance of `SURFACES` surfaces.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct SurfaceCovariance<const SURFACES: usize> {
     cells: [[[f32; 2]; SURFACES]; SURFACES],
     /// Of every surface, the covariance of its two numbers.
@@ -391,7 +391,7 @@ mod tests {
         let mut pending = Pending::<SURFACES, CHANGES_PER_PASS>::new();
         let mut one_by_one = numbered();
         one_by_one.clear(2);
-        let untouched = one_by_one.clone();
+        let untouched = one_by_one;
         for change in 0..CHANGES_PER_PASS {
             // With fewer than a full pass waiting, rows are those after all of them.
             for slot in [0, 1, 3] {
@@ -413,7 +413,7 @@ mod tests {
             one_by_one.settle(&alone, used.into_iter());
         }
         assert_eq!(pending.waiting(), CHANGES_PER_PASS);
-        let mut in_one_pass = untouched.clone();
+        let mut in_one_pass = untouched;
         in_one_pass.settle(&pending, used.into_iter());
         for k in 0..SURFACES {
             for l in 0..SURFACES {
