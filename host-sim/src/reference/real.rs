@@ -1,7 +1,7 @@
 //! The number type.
 //!
 //! Transcendental functions and square roots come from `libm` for both types, so the `f32` reference meets the very
-//! functions of the core, whose own sine and cosine it takes. Everything else is IEEE `+ - * /`. The three comparisons [`larger`], [`smaller`] and
+//! functions of the core, whose own exponential, sine and cosine it takes. Everything else is IEEE `+ - * /`. The three comparisons [`larger`], [`smaller`] and
 //! [`limited`] say which operand wins on equality and on NaN, which decides signs of zero.
 
 use std::fmt::Debug;
@@ -58,7 +58,7 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($type:ty, $sqrt:ident, $exp:ident, $expm1:ident, $erfc:ident, $ln:ident, $sin:path, $cos:path, $floor:ident, $abs:ident) => {
+    ($type:ty, $sqrt:ident, $exp:path, $expm1:ident, $erfc:ident, $ln:ident, $sin:path, $cos:path, $floor:ident, $abs:ident) => {
         impl Real for $type {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -79,7 +79,7 @@ macro_rules! real {
                 libm::$sqrt(self)
             }
             fn exponential(self) -> Self {
-                libm::$exp(self)
+                $exp(self)
             }
             fn exponential_less_one(self) -> Self {
                 libm::$expm1(self)
@@ -109,7 +109,7 @@ macro_rules! real {
 real!(
     f32,
     sqrtf,
-    expf,
+    cogmint_core::real::exp,
     expm1f,
     erfcf,
     logf,
@@ -118,7 +118,7 @@ real!(
     floorf,
     fabsf
 );
-real!(f64, sqrt, exp, expm1, erfc, log, libm::sin, libm::cos, floor, fabs);
+real!(f64, sqrt, libm::exp, expm1, erfc, log, libm::sin, libm::cos, floor, fabs);
 
 /// Square root.
 pub fn sqrt<T: Real>(x: T) -> T {
