@@ -20,7 +20,7 @@
 /**
  * Bytes of cogmint_report.
  */
-#define COGMINT_REPORT_SIZE 128
+#define COGMINT_REPORT_SIZE 136
 
 #if !defined(COGMINT_RANGES)
 /**
@@ -168,7 +168,7 @@
 /**
  * Bytes of cogmint_config.
  */
-#define COGMINT_CONFIG_SIZE 260
+#define COGMINT_CONFIG_SIZE 268
 
 /**
  * Why a call was refused. A call that is refused has changed nothing but what its description says.
@@ -726,6 +726,14 @@ typedef struct cogmint_config {
    * COGMINT_NO_INDEX: there is none, and choices are used at once.
    */
   uint32_t rendezvous;
+  /**
+   * Work on a frame after which no more paths are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9).
+   */
+  uint32_t frame_work;
+  /**
+   * Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535).
+   */
+  uint32_t comparisons;
 } cogmint_config;
 
 /**
@@ -984,6 +992,14 @@ typedef struct cogmint_report {
    * Paths or ranges left out because no more than COGMINT_MOST_PATHS are kept.
    */
   uint32_t left_out;
+  /**
+   * Frames whose estimate was ended for its work: weak paths may be missing.
+   */
+  uint32_t cut_short;
+  /**
+   * Places that counted and found no room among those that are followed.
+   */
+  uint32_t crowded_out;
   /**
    * Of the measurements, how many belong to something known.
    */

@@ -11,7 +11,7 @@ use cogmint_core::radio::pulse::PulseShape;
 pub const COGMINT_NO_INDEX: u32 = 0xffff_ffff;
 
 /// Bytes of cogmint_config.
-pub const COGMINT_CONFIG_SIZE: usize = 260;
+pub const COGMINT_CONFIG_SIZE: usize = 268;
 const _: () = assert!(size_of::<CogmintConfig>() == COGMINT_CONFIG_SIZE);
 
 /// Who carries the tag: where all settings come from that are not in cogmint_config.
@@ -114,13 +114,19 @@ pub struct CogmintConfig {
     /// Index of the action to go to after three lost frames: every choice is then announced one cycle before it is used.
     /// COGMINT_NO_INDEX: there is none, and choices are used at once.
     pub rendezvous: u32,
+
+    /// Work on a frame after which no more paths are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9).
+    pub frame_work: u32,
+    /// Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535).
+    pub comparisons: u32,
 }
 
 impl CogmintConfig {
     /// The settings of a preset.
     fn of(profile: CogmintProfile, radio: CogmintRadio) -> Self {
-        let Config { motion, start, has_heading, ranging, association, estimator, radio: frames, .. } =
-            preset(profile, radio);
+        let Config {
+            motion, start, has_heading, ranging, association, estimator, radio: frames, work, ..
+        } = preset(profile, radio);
         let controller = preset(profile, radio).controller;
         let mut pulse_autocorrelation = [0.0; COGMINT_PULSE_SAMPLES];
         let (pulse_samples, pulse_roll_off, pulse_step_s) = match frames.pulse_shape {
@@ -163,6 +169,8 @@ impl CogmintConfig {
             planned_actions: controller.planned_actions as u32,
             horizon: controller.horizon as u32,
             rendezvous: controller.rendezvous.map_or(COGMINT_NO_INDEX, |action| action as u32),
+            frame_work: work.frame,
+            comparisons: u32::from(work.comparisons),
         }
     }
 
@@ -206,6 +214,9 @@ impl CogmintConfig {
             COGMINT_NO_INDEX => None,
             action => Some(action as usize),
         };
+        config.work.frame = self.frame_work;
+        // What is out of range stays so.
+        config.work.comparisons = u16::try_from(self.comparisons).unwrap_or(0);
         Ok(config)
     }
 }
