@@ -379,8 +379,7 @@ impl Config {
             within(full_scale, 1e-12, 1e12, Setting::FullScale)?;
         }
         within(radio.false_paths_per_frame, 1e-4, 10.0, Setting::FalsePaths)?;
-        let EstimatorSettings { dense_decay_s, dense_decay_pulses, merge_pulses, .. } =
-            *estimator;
+        let EstimatorSettings { dense_decay_s, dense_decay_pulses, merge_pulses, .. } = *estimator;
         within(dense_decay_s, 0.99e-9, 1.01e-7, Setting::DenseDecay)?;
         within(dense_decay_pulses, 2.0, 100.0, Setting::DenseDecay)?;
         within(merge_pulses, 0.05, 1.0, Setting::MergeDistance)?;

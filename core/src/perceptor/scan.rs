@@ -55,7 +55,16 @@ impl<const PATHS: usize> Scan<PATHS> {
     /// Nothing delivered yet, `elapsed_s` seconds after the last scan.
     pub fn new(anchor: usize, action: usize, elapsed_s: f32) -> Self {
         let measurements = Vec::new();
-        Self { anchor, action, elapsed_s, measurements, frame: None, left_out: 0, cut_short: false, ranges: 0 }
+        Self {
+            anchor,
+            action,
+            elapsed_s,
+            measurements,
+            frame: None,
+            left_out: 0,
+            cut_short: false,
+            ranges: 0,
+        }
     }
 
     /// Whether a frame was received.

@@ -152,8 +152,7 @@ impl<T: Real> Sweep<T> {
                 };
                 background =
                     background_per_m(&direct, &self.measurements, &vec![T::ONE; count], &self.clutter);
-                unexplained_nat =
-                    ln_product(background.iter().map(|per_m| *per_m / self.clutter.all_per_m));
+                unexplained_nat = ln_product(background.iter().map(|per_m| *per_m / self.clutter.all_per_m));
                 direct_m = range_m;
             }
             if range_m < direct_m - num(PLACE_M) {

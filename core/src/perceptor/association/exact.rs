@@ -152,11 +152,7 @@ impl<const PATHS: usize> Trellis<PATHS> {
     }
 
     /// Lists the gathered features by expected range; false where they are too many.
-    fn line_up<const SOURCES: usize>(
-        &mut self,
-        rows: &mut Rows<SOURCES, PATHS>,
-        gathered: usize,
-    ) -> bool {
+    fn line_up<const SOURCES: usize>(&mut self, rows: &mut Rows<SOURCES, PATHS>, gathered: usize) -> bool {
         self.features.clear();
         if gathered > FEATURES {
             return false;

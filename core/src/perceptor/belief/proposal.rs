@@ -442,7 +442,12 @@ mod tests {
         for _ in 0..500 {
             let place_m = [(9.0 * uniform(&mut state)) as f32, (5.0 * uniform(&mut state)) as f32];
             let scans = scans(place_m, &mut state);
-            for place in &propose(&sweeps(&scans), landmarks, |_, _| 0.25, [0.0; 2].map(|_| uniform(&mut state) as f32)) {
+            for place in &propose(
+                &sweeps(&scans),
+                landmarks,
+                |_, _| 0.25,
+                [0.0; 2].map(|_| uniform(&mut state) as f32),
+            ) {
                 let exact = evidence(place, &scans) + 0.25_f64.ln();
                 worst = worst.max((f64::from(place.evidence_nat) - exact).abs());
             }

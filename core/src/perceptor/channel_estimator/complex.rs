@@ -202,7 +202,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
         self.work.add_pass(LEVEL, self.samples.len(), self.reached());
         let table = &self.estimator.table;
         let skip = SKIP_PULSES * table.samples_per_pulse();
-                let mut reach = Reach::new(&self.components);
+        let mut reach = Reach::new(&self.components);
         self.noise.refine(&self.steps, &COMPLEX_CUT, self.floor, |Cell { node, from, to }, cut| {
             let (_, active, until) = reach.at(from);
             if active.is_empty()

@@ -97,22 +97,13 @@ pub struct EstimatorSettings {
 
 impl EstimatorSettings {
     /// Those of a tracker that is not started.
-    pub(crate) const NONE: Self = Self {
-        dense_decay_s: 0.0,
-        dense_decay_pulses: 0.0,
-        merge_pulses: 0.0,
-        begins_with_path: false,
-    };
+    pub(crate) const NONE: Self =
+        Self { dense_decay_s: 0.0, dense_decay_pulses: 0.0, merge_pulses: 0.0, begins_with_path: false };
 }
 
 impl Default for EstimatorSettings {
     fn default() -> Self {
-        Self {
-            dense_decay_s: 8e-9,
-            dense_decay_pulses: 11.4,
-            merge_pulses: 0.3,
-            begins_with_path: false,
-        }
+        Self { dense_decay_s: 8e-9, dense_decay_pulses: 11.4, merge_pulses: 0.3, begins_with_path: false }
     }
 }
 
@@ -321,12 +312,7 @@ fn fitted_samples(pulse: &Pulse, profile: &Profile) -> f32 {
     profile.length_s() / pulse.effective_duration_s()
 }
 
-written!(EstimatorSettings {
-    dense_decay_s,
-    dense_decay_pulses,
-    merge_pulses,
-    begins_with_path
-});
+written!(EstimatorSettings { dense_decay_s, dense_decay_pulses, merge_pulses, begins_with_path });
 
 written!(ChannelEstimator<const PATHS> {
     pulse,

@@ -200,8 +200,7 @@ impl<T: Real> Fit<'_, T> {
         let mut powers = Vec::new();
         for n in 0..residual.len() {
             let near_strong = self.components.iter().any(|component| {
-                component.gain > T::of(STRONG_SINR)
-                    && abs(T::of_count(n) - component.position) < skip
+                component.gain > T::of(STRONG_SINR) && abs(T::of_count(n) - component.position) < skip
             });
             powers.push(if near_strong { None } else { Some(residual[n]) });
         }
