@@ -99,7 +99,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
             threshold: self.threshold,
-            work: Work::default(),
+            work: Work::of(samples.len()),
         };
         if let Some(sample) = begins {
             fit.begin(sample);

@@ -97,7 +97,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             peaks: Vec::new(),
             noise: &mut estimate.noise,
             cells: CellPowers::new(&steps, powers),
-            work: Work::default(),
+            work: Work::of(samples.len()),
             triple: Triple::new(&self.table),
             threshold: self.magnitude_threshold,
         };

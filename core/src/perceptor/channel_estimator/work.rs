@@ -2,10 +2,12 @@
 //!
 //! Where a frame has cost as much as it may ([`crate::config::WorkLimits::frame`]), nothing is moved or added any more: what is in hand is ended (one pass of moves, one agreement of
 //! all paths, one look at a maximum), the level is refined once if it was not, and the paths found so far are the estimate. Counted is
-//! what grows with samples and paths; what each frame costs once is not.
+//! what grows with samples and paths.
 
 /// Capacity: work on a frame after which nothing more is begun, where nothing else is told.
 pub const MOST_WORK: u32 = 2_000_000;
+/// Mathematics: cost of a sample in what is done once in every frame: white noise, its beginning, the rest that paths leave.
+pub const FRAME: u32 = 400;
 /// Mathematics: cost of a sample in a pass of the level's fit, and what each path that reaches it adds.
 pub const LEVEL: [u32; 2] = [40, 25];
 /// Mathematics: the same in the search for a path.
@@ -26,6 +28,11 @@ pub(super) struct Work {
 }
 
 impl Work {
+    /// On a frame of so many samples, whatever is found in it.
+    pub fn of(samples: usize) -> Self {
+        Self { done: FRAME * samples as u32 }
+    }
+
     /// Its cost.
     pub fn done(&self) -> u32 {
         self.done

@@ -23,7 +23,7 @@ use cogmint_core::perceptor::channel_estimator::complex::{
     SKIP_PULSES, SMALLEST_S, STILL_SAMPLES, STRONG_SINR,
 };
 use cogmint_core::perceptor::channel_estimator::noise::COMPLEX_CUT;
-use cogmint_core::perceptor::channel_estimator::work::{INVERSE, LEVEL, MOVE, SEARCH};
+use cogmint_core::perceptor::channel_estimator::work::{FRAME, INVERSE, LEVEL, MOVE, SEARCH};
 use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
 
 /// A path in the making.
@@ -75,7 +75,8 @@ pub(super) fn estimate<T: Real>(
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let threshold = estimator.fitted_threshold;
     let (components, posterior) = (Vec::new(), Vec::new());
-    let mut fit = Fit { estimator, samples, components, noise, floor, posterior, threshold, work: 0 };
+    let work = FRAME * samples.len() as u32;
+    let mut fit = Fit { estimator, samples, components, noise, floor, posterior, threshold, work };
     if let Some([n, _]) = start {
         let beside = |n: Option<usize>| n.and_then(|n| powers.get(n)).copied().unwrap_or(T::ZERO);
         let vertex = parabola_vertex(beside(n.checked_sub(1)), powers[n], beside(Some(n + 1)));

@@ -17,7 +17,7 @@ use cogmint_core::perceptor::channel_estimator::magnitude::{
     EXPLAINED, FIRST_REFINEMENTS, OWN_PULSES, PASSES, REFINEMENTS, RIDGE, SCALLOPING, SLOPE_PULSES,
 };
 use cogmint_core::perceptor::channel_estimator::noise::MAGNITUDE_CUT;
-use cogmint_core::perceptor::channel_estimator::work::{FIT, LEVEL, MAXIMUM};
+use cogmint_core::perceptor::channel_estimator::work::{FIT, FRAME, LEVEL, MAXIMUM};
 
 #[derive(Clone, Copy, Debug)]
 struct Peak<T> {
@@ -53,7 +53,7 @@ pub(super) fn estimate<T: Real>(
     if let Some([n, _]) = start {
         peaks.extend(fit(estimator, samples, &noise, &peaks, None, n));
     }
-    let mut work = 0;
+    let mut work = FRAME * samples.len() as u32;
     let level_cost = |peaks: &[Peak<T>]| {
         let reached = peaks.len() * estimator.pulse_samples().min(samples.len());
         LEVEL[0] * samples.len() as u32 + LEVEL[1] * reached as u32
