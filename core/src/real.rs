@@ -105,12 +105,17 @@ const QUARTER_RAD: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
 /// An angle as the nearest number of quarters of a turn, of which two bits count, and the rest, radians.
 fn quarters(x: f32) -> (i32, f32) {
     // Guard: beyond, the angle itself is given to a thousandth at best; NaN stays so.
-    let x = if abs(x) <= 10_000.0 { x } else { x - TAU * floor(x / TAU) };
+    let x = if abs(x) <= 10_000.0 { x } else { of_one_turn(x - TAU * floor(x / TAU)) };
     let half = if x < 0.0 { -0.5 } else { 0.5 };
     let quarter = (x * (4.0 / TAU) + half) as i32;
     let [a, b, c] = QUARTER_RAD;
     let number = quarter as f32;
     (quarter, x - number * a - number * b - number * c)
+}
+
+/// What is left of an angle when whole turns were taken off; 0 where it was so large that nothing is, NaN of NaN.
+fn of_one_turn(rest: f32) -> f32 {
+    if abs(rest) > 7.0 { 0.0 } else { rest }
 }
 
 /// sin(`quarter` pi / 2 + `rest`) for |`rest`| <= pi / 4.
@@ -254,6 +259,9 @@ mod tests {
         }
         std::println!("worst error of sine and cosine: {worst:.2} units in the last place");
         assert!(worst < 2.0, "{worst}");
+        for x in [1e15, -1e20, f32::MAX] {
+            assert!(abs(sin(x)) <= 1.0 && abs(cos(x)) <= 1.0, "{x}");
+        }
         assert!(sin(f32::INFINITY).is_nan() && cos(f32::NAN).is_nan() && sin(-0.0) == 0.0);
     }
 }

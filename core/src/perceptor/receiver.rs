@@ -29,6 +29,8 @@ pub struct LinkView {
     pub is_lost: bool,
     /// ln of the power lost to the reference carrier, at the action of the frame.
     pub loss_ln: f32,
+    /// What a frame may cost.
+    pub most_work: u32,
 }
 
 /// The scans of a cycle, in the order of the anchors.
@@ -246,8 +248,9 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize, const FRAMES
             estimator.change(pulse, spacing_s, samples, false_paths, self.estimator_settings);
             *estimator_pulse = pulse;
         }
+        estimator.limit_work(link.most_work);
         let estimate = estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
-        scan.cut_short = estimator.is_cut_short(&estimate);
+        scan.cut_short = estimate.cut_short;
         seen(&estimate);
         let elapsed_s =
             self.silent_s.get_mut(frame.anchor).map_or(0.0, |[_, frame_s]| core::mem::take(frame_s));

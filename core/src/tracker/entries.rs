@@ -177,7 +177,7 @@ impl<
         };
         *own = *config;
         // Of a map that there is no room for, nothing is told.
-        *digest = if SOURCES == 0 { 0 } else { map.digest() };
+        *digest = if SOURCES == 0 && SEGMENTS == 0 { 0 } else { map.digest() };
         let own = &*own;
         let Config { start, ranging, .. } = own;
         receiver.start(
@@ -361,6 +361,14 @@ impl<
         Ok(())
     }
 
+    /// Whether the tracker was started, and still has what it was told.
+    pub(super) fn check_ready(&self) -> Result<(), Error> {
+        match self.phase {
+            Phase::Empty => Err(Error::NotStarted),
+            Phase::Between | Phase::Begun => self.check_told(),
+        }
+    }
+
     /// Whether a cycle is begun.
     pub(super) fn check_begun(&self) -> Result<(), Error> {
         match self.phase {
@@ -399,6 +407,7 @@ impl<
             sought_with: controller.and_then(Controller::sought_with),
             is_lost: self.belief.is_lost(observation.anchor()),
             loss_ln: self.channel.loss_ln(action),
+            most_work: self.config.work.frame,
         }
     }
 }

@@ -24,7 +24,7 @@ use crate::snapshot::{Sealed, Told, Written, seal, seal_with};
 
 /// Capacity: parts with one seal each: all but the belief.
 const PARTS: usize = Part::ALL.len() - 1;
-/// Capacity: cycles in which it is the turn once of each part that is not sealed in every cycle, so that the seals take less than a hundredth of a cycle.
+/// Capacity: cycles in which it is the turn once of each part that is not sealed in every cycle, so that the seals take less than a fiftieth of a cycle.
 const TURN: u32 = 8;
 
 /// A planted failure: nothing is looked at, so that it can be seen that the campaign of flips (`tests/tests/integrity.rs`) finds what

@@ -69,6 +69,7 @@ impl<
         radio: &mut R,
     ) -> Poll<Result<CycleReport, CycleError<R::Error>>> {
         if self.phase != Phase::Begun {
+            self.check_ready().map_err(CycleError::Tracker)?;
             for anchor in 0..self.anchors.len() {
                 if let Some(tuning) = self.tuning(anchor) {
                     radio.tune(anchor, &tuning).map_err(CycleError::Radio)?;

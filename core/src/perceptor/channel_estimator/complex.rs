@@ -107,6 +107,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         for _ in 0..FIRST_REFINEMENTS {
             fit.fit_noise();
         }
+        fit.work.begin_search();
         if let Some(Beginning { ahead, .. }) = beginning {
             fit.measure_tail(ahead);
         }
@@ -141,7 +142,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             fit.refine();
         }
         estimate.threshold = fit.threshold;
-        estimate.work = fit.work.done();
+        (estimate.work, estimate.cut_short) = (fit.work.done(), fit.work.is_cut_short());
         fit.take_paths(first_sample_delay_s, &mut estimate.paths);
         estimate.dense = self.dense_multipath(&estimate.noise, first_sample_delay_s);
         estimate

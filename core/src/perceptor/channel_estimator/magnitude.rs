@@ -108,6 +108,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         for _ in 0..FIRST_REFINEMENTS {
             fit.fit_noise(&steps, level_floor(strongest));
         }
+        fit.work.begin_search();
         if let Some(Beginning { ahead, .. }) = beginning {
             fit.measure_tail(ahead, &steps);
         }
@@ -127,7 +128,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             }
         }
         estimate.threshold = fit.threshold;
-        estimate.work = fit.work.done();
+        (estimate.work, estimate.cut_short) = (fit.work.done(), fit.work.is_cut_short());
         fit.take_paths(first_sample_delay_s, &mut estimate.paths);
         estimate.dense = self.dense_multipath(&estimate.noise, first_sample_delay_s);
         estimate

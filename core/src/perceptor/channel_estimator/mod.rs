@@ -73,6 +73,8 @@ pub struct ChannelEstimate<const PATHS: usize> {
     pub threshold: f32,
     /// What it cost, about in instructions of a Cortex-M4F: see [`work`].
     pub work: u32,
+    /// Whether it was ended for that: weak paths may be missing.
+    pub cut_short: bool,
 }
 
 /// What an estimator takes for a path, for two, and for dense multipath. How many false paths it may report is told apart
@@ -172,11 +174,6 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         self.most_work = most_work;
     }
 
-    /// Whether an estimate was ended for its work.
-    pub fn is_cut_short(&self, estimate: &ChannelEstimate<PATHS>) -> bool {
-        estimate.work >= self.most_work
-    }
-
     /// As [`Self::new`], where it stays; [`Self::limit_work`] comes first.
     pub fn start(
         &mut self,
@@ -261,6 +258,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             dense: DenseMultipath::default(),
             threshold: 0.0,
             work: 0,
+            cut_short: false,
         }
     }
 

@@ -272,6 +272,7 @@ mod tests {
         };
         ChannelEstimate {
             work: 0,
+            cut_short: false,
             paths: paths.iter().map(path).collect(),
             noise,
             dense: DenseMultipath::default(),

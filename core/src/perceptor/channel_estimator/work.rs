@@ -1,11 +1,11 @@
 //! What a frame costs: counted while it is estimated, about in instructions of a Cortex-M4F, and bounded.
 //!
-//! Where a frame has cost as much as it may ([`crate::config::WorkLimits::frame`]), nothing is moved or added any more: what is in hand is ended (one pass of moves, one agreement of
-//! all paths, one look at a maximum), the level is refined once if it was not, and the paths found so far are the estimate. Counted is
-//! what grows with samples and paths.
+//! Where the search for paths has cost as much as it may ([`crate::config::WorkLimits::frame`]), nothing is moved or added any more: what is
+//! in hand is ended (one pass of moves, one agreement of all paths, one look at a maximum), the level is refined once if it was not, and
+//! the paths found so far are the estimate. What every frame of as many samples costs, whatever is in it, comes before and is not limited.
 
-/// Capacity: work on a frame after which nothing more is begun, where nothing else is told.
-pub const MOST_WORK: u32 = 2_000_000;
+/// Capacity: work on the paths of a frame after which nothing more is begun, where nothing else is told.
+pub const MOST_WORK: u32 = 1_000_000;
 /// Mathematics: cost of a sample in what is done once in every frame: white noise, its beginning, the rest that paths leave.
 pub const FRAME: u32 = 400;
 /// Mathematics: cost of a sample in a pass of the level's fit, and what each path that reaches it adds.
@@ -25,12 +25,15 @@ pub const FIT: [u32; 2] = [5200, 250];
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Work {
     done: u32,
+    /// Of that, what came before the search.
+    fixed: u32,
+    cut_short: bool,
 }
 
 impl Work {
     /// On a frame of so many samples, whatever is found in it.
     pub fn of(samples: usize) -> Self {
-        Self { done: FRAME * samples as u32 }
+        Self { done: FRAME * samples as u32, ..Self::default() }
     }
 
     /// Its cost.
@@ -38,9 +41,21 @@ impl Work {
         self.done
     }
 
-    /// Whether nothing more may be begun.
-    pub fn is_used_up(&self, most: u32) -> bool {
-        self.done >= most
+    /// From now on paths are looked for.
+    pub fn begin_search(&mut self) {
+        self.fixed = self.done;
+    }
+
+    /// Whether nothing more may be begun, which is noted.
+    pub fn is_used_up(&mut self, most: u32) -> bool {
+        let is_used_up = self.done.saturating_sub(self.fixed) >= most;
+        self.cut_short |= is_used_up;
+        is_used_up
+    }
+
+    /// Whether anything was not begun.
+    pub fn is_cut_short(&self) -> bool {
+        self.cut_short
     }
 
     /// Counts one thing that is done, beside so many paths.

@@ -60,13 +60,16 @@ struct Fit<'a, T> {
     threshold: T,
     /// Cost so far.
     work: u32,
+    /// Of that, before the search.
+    fixed_work: u32,
+    cut_short: bool,
 }
 
 pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[[T; 2]],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>, T, u32) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T, bool) {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
     let white = white_level(&powers);
     let begins = beginning(estimator, &powers, estimator.fitted_threshold * white);
@@ -76,7 +79,18 @@ pub(super) fn estimate<T: Real>(
     let threshold = estimator.fitted_threshold;
     let (components, posterior) = (Vec::new(), Vec::new());
     let work = FRAME * samples.len() as u32;
-    let mut fit = Fit { estimator, samples, components, noise, floor, posterior, threshold, work };
+    let mut fit = Fit {
+        estimator,
+        samples,
+        components,
+        noise,
+        floor,
+        posterior,
+        threshold,
+        work,
+        fixed_work: 0,
+        cut_short: false,
+    };
     if let Some([n, _]) = start {
         let beside = |n: Option<usize>| n.and_then(|n| powers.get(n)).copied().unwrap_or(T::ZERO);
         let vertex = parabola_vertex(beside(n.checked_sub(1)), powers[n], beside(Some(n + 1)));
@@ -97,6 +111,7 @@ pub(super) fn estimate<T: Real>(
     for _ in 0..FIRST_REFINEMENTS {
         fit.fit_noise();
     }
+    fit.fixed_work = fit.work;
     if let Some([_, ahead]) = begins {
         let tail = tail(&powers[..ahead], &fit.noise.at_samples(ahead));
         fit.threshold = farther(estimator.fitted_threshold, tail);
@@ -111,7 +126,7 @@ pub(super) fn estimate<T: Real>(
     }
     let mut refined = false;
     for _ in 0..estimator.most_paths + SPARE_ROUNDS {
-        if fit.work >= estimator.most_work {
+        if fit.is_used_up() {
             break;
         }
         if refined {
@@ -141,10 +156,17 @@ pub(super) fn estimate<T: Real>(
 }
 
 impl<T: Real> Fit<'_, T> {
+    /// Whether nothing more may be begun; notes it.
+    fn is_used_up(&mut self) -> bool {
+        let is_used_up = self.work - self.fixed_work >= self.estimator.most_work;
+        self.cut_short |= is_used_up;
+        is_used_up
+    }
+
     /// Moves and settles until everything stands still.
     fn move_until_still(&mut self) {
         for _ in 0..PASSES {
-            if self.work >= self.estimator.most_work || !self.move_delays() {
+            if self.is_used_up() || !self.move_delays() {
                 break;
             }
             self.settle();
@@ -461,7 +483,7 @@ impl<T: Real> Fit<'_, T> {
     }
 
     /// The paths, with amplitudes by least squares (no prior).
-    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>, T, u32) {
+    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>, T, bool) {
         let inverse = inverse(&self.gram(|_| T::of(RIDGE)));
         let mut paths = Vec::new();
         for k in 0..self.components.len() {
@@ -477,6 +499,6 @@ impl<T: Real> Fit<'_, T> {
             let sinr = larger(component.gain - T::ONE, T::of(LEAST_SINR));
             paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
         }
-        (paths, self.noise, self.threshold, self.work)
+        (paths, self.noise, self.threshold, self.cut_short)
     }
 }

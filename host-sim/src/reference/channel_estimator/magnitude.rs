@@ -32,11 +32,28 @@ struct Peak<T> {
     threshold: T,
 }
 
+/// What a frame has cost.
+struct Work {
+    done: u32,
+    /// From where on nothing more is begun.
+    most: u32,
+    cut_short: bool,
+}
+
+impl Work {
+    /// Whether nothing more may be begun; notes it.
+    fn is_used_up(&mut self) -> bool {
+        let is_used_up = self.done >= self.most;
+        self.cut_short |= is_used_up;
+        is_used_up
+    }
+}
+
 pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[T],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>, T, u32) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T, bool) {
     let num = T::of;
     let powers: Vec<T> = samples.iter().map(|sample| square(*sample)).collect();
     let mut strongest = T::ZERO;
@@ -53,15 +70,16 @@ pub(super) fn estimate<T: Real>(
     if let Some([n, _]) = start {
         peaks.extend(fit(estimator, samples, &noise, &peaks, None, n));
     }
-    let mut work = FRAME * samples.len() as u32;
+    let mut work = Work { done: FRAME * samples.len() as u32, most: u32::MAX, cut_short: false };
     let level_cost = |peaks: &[Peak<T>]| {
         let reached = peaks.len() * estimator.pulse_samples().min(samples.len());
         LEVEL[0] * samples.len() as u32 + LEVEL[1] * reached as u32
     };
     for _ in 0..FIRST_REFINEMENTS {
-        work += level_cost(&peaks);
+        work.done += level_cost(&peaks);
         noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
     }
+    work.most = work.done + estimator.most_work;
     if let Some([_, ahead]) = begins {
         let tail = tail(&powers[..ahead], &noise.at_samples(ahead));
         kappa = farther(kappa, tail);
@@ -70,17 +88,17 @@ pub(super) fn estimate<T: Real>(
         }
     }
     if start.is_some() {
-        work += refit(estimator, samples, &noise, &mut peaks);
+        work.done += refit(estimator, samples, &noise, &mut peaks);
     }
     for round in 0..estimator.most_paths + SPARE_ROUNDS {
         if round > 0 || start.is_some() {
             for _ in 0..REFINEMENTS {
-                work += level_cost(&peaks);
+                work.done += level_cost(&peaks);
                 noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
             }
-            work += refit(estimator, samples, &noise, &mut peaks);
+            work.done += refit(estimator, samples, &noise, &mut peaks);
         }
-        if work >= estimator.most_work {
+        if work.is_used_up() {
             break;
         }
         let peak = strongest_peak(estimator, samples, &noise, &peaks, kappa, &mut work);
@@ -96,7 +114,7 @@ pub(super) fn estimate<T: Real>(
         let sinr = square(peak.amplitude) / level - num(0.5);
         estimator.path(peak.position, first_sample_delay_s, [peak.amplitude, T::ZERO], sinr)
     });
-    (paths.collect(), noise, kappa, work)
+    (paths.collect(), noise, kappa, work.cut_short)
 }
 
 /// The powers that tell the level: those in which no path has much energy.
@@ -119,7 +137,7 @@ fn strongest_peak<T: Real>(
     noise: &NoiseLevel<T>,
     peaks: &[Peak<T>],
     kappa: T,
-    work: &mut u32,
+    work: &mut Work,
 ) -> Option<Peak<T>> {
     let num = T::of;
     let beside = |[once, each]: [u32; 2]| once + each * peaks.len() as u32;
@@ -127,7 +145,7 @@ fn strongest_peak<T: Real>(
     let mut floor = share * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
-        if *work >= estimator.most_work {
+        if work.is_used_up() {
             break;
         }
         let at = T::of_count(n);
@@ -137,12 +155,12 @@ fn strongest_peak<T: Real>(
         if !is_maximum || peaks.iter().any(near) {
             continue;
         }
-        *work += beside(MAXIMUM);
+        work.done += beside(MAXIMUM);
         let energy = square(unexplained(estimator, peaks, None, at, samples[n]));
         if energy <= floor * noise.white || energy <= floor * noise.at(at, estimator.sample_spacing_s) {
             continue;
         }
-        *work += beside(FIT);
+        work.done += beside(FIT);
         let Some(peak) = fit(estimator, samples, noise, peaks, None, n) else { continue };
         // Order: the first of equals.
         if peak.gain > kappa && best.is_none_or(|best| peak.gain > best.gain) {

@@ -130,7 +130,7 @@ impl<T: Real> ChannelEstimator<T> {
 
     /// Estimates a frame's paths.
     pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: T) -> ChannelEstimate<T> {
-        let (paths, noise, threshold, work) = match samples {
+        let (paths, noise, threshold, cut_short) = match samples {
             Samples::Complex(samples) => {
                 let samples: Vec<[T; 2]> = samples.iter().map(|sample| sample.map(T::of)).collect();
                 complex::estimate(self, &samples, first_sample_delay_s)
@@ -145,7 +145,7 @@ impl<T: Real> ChannelEstimator<T> {
             self.sample_spacing_s,
             self.pulse.effective_duration_s(),
         );
-        ChannelEstimate { paths, noise, dense, threshold, cut_short: work >= self.most_work }
+        ChannelEstimate { paths, noise, dense, threshold, cut_short }
     }
 
     /// The noise that a fit begins with.
