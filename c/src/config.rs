@@ -115,9 +115,10 @@ pub struct CogmintConfig {
     /// COGMINT_NO_INDEX: there is none, and choices are used at once.
     pub rendezvous: u32,
 
-    /// Work on a frame after which no more paths are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9).
+    /// Work on the paths of a frame after which no more are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9), on top of
+    /// what every frame costs.
     pub frame_work: u32,
-    /// Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535).
+    /// Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535), with two places at least.
     pub comparisons: u32,
 }
 

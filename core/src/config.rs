@@ -96,8 +96,9 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WorkLimits {
-    /// Work on a frame after which no more paths are looked for, about in instructions of a Cortex-M4F
-    /// ([`crate::perceptor::channel_estimator::work`]; 10,000 to 1e9). Less: the weakest of many paths are missed in crowded frames.
+    /// Work on the paths of a frame after which no more are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9;
+    /// [`crate::perceptor::channel_estimator::work`]): on top of what every frame costs, some 700 a sample. Less: the weakest of many
+    /// paths are missed in crowded frames.
     pub frame: u32,
     /// How often components of the belief are compared with scans at most (1 to 65,535), each scan with two at least. Where more is
     /// heard, fewer components are carried. Less: a lost tag is found later, and one of two places may be dropped.

@@ -61,7 +61,8 @@ impl<
     /// on where the last one stopped, and pending means that the radio has nothing yet.
     ///
     /// # Errors
-    /// Each stops at what it is about, costs nothing else, and leaves the tracker as it was: call again. An observation that is
+    /// Each stops at what it is about, costs nothing else, and leaves the tracker as it was: call again, but for [`Error::NotStarted`] and
+    /// [`Error::ToldChanged`], of a tracker that is to be started. The moment of a cycle that could not begin is lost. An observation that is
     /// refused is left out; a radio that failed is asked again. Where it stays broken, [`Self::finish`] ends the cycle by what came
     /// before.
     pub fn poll_cycle<R: Transceiver>(

@@ -1,8 +1,8 @@
 //! The number type.
 //!
-//! Transcendental functions and square roots come from `libm` for both types, so the `f32` reference meets the very
-//! functions of the core, whose own exponential, sine and cosine it takes. Everything else is IEEE `+ - * /`. The three comparisons [`larger`], [`smaller`] and
-//! [`limited`] say which operand wins on equality and on NaN, which decides signs of zero.
+//! Square roots and transcendental functions come from `libm` for both types, but for exponential, sine and cosine of `f32`, which are the
+//! core's own (checked against double precision there): so the `f32` reference meets the very functions of the core. Everything else is
+//! IEEE `+ - * /`. The three comparisons [`larger`], [`smaller`] and [`limited`] say which operand wins on equality and on NaN, which decides signs of zero.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};

@@ -6,7 +6,8 @@
 //!
 //! L = prod_k [1 - q_k + q_k sum_m nu_m f(z_m; mean_k, S_k) / lambda_m],
 //!
-//! f being a polynomial near the normal density, of the same variance.
+//! f being a polynomial near the normal density, of the same variance S_k, in which all measurements of a scan have the least variance
+//! among them: next to a place's it is small.
 //! The best become components, with little weight: what follows decides.
 
 use super::PLACE_M;

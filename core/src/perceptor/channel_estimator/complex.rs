@@ -107,7 +107,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         for _ in 0..FIRST_REFINEMENTS {
             fit.fit_noise();
         }
-        fit.work.begin_search();
+        fit.work.begin_search(0);
         if let Some(Beginning { ahead, .. }) = beginning {
             fit.measure_tail(ahead);
         }

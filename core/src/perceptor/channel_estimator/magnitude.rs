@@ -108,7 +108,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         for _ in 0..FIRST_REFINEMENTS {
             fit.fit_noise(&steps, level_floor(strongest));
         }
-        fit.work.begin_search();
+        fit.work.begin_search(samples.len() / 2);
         if let Some(Beginning { ahead, .. }) = beginning {
             fit.measure_tail(ahead, &steps);
         }

@@ -25,7 +25,7 @@ pub const FIT: [u32; 2] = [5200, 250];
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Work {
     done: u32,
-    /// Of that, what came before the search.
+    /// What comes with every frame: the search's costs are on top of it.
     fixed: u32,
     cut_short: bool,
 }
@@ -41,9 +41,10 @@ impl Work {
         self.done
     }
 
-    /// From now on paths are looked for.
-    pub fn begin_search(&mut self) {
-        self.fixed = self.done;
+    /// From now on paths are looked for, among so many maxima at most.
+    pub fn begin_search(&mut self, maxima: usize) {
+        let [maximum, _] = MAXIMUM;
+        self.fixed = self.done + maximum * maxima as u32;
     }
 
     /// Whether nothing more may be begun, which is noted.
@@ -106,25 +107,49 @@ mod tests {
             }
             samples
         };
-        let mut most = [0, 0];
+        let mut cut = [0_u32; 2];
         // Close together they are moved against each other; far apart each is a maximum of magnitudes.
         for (paths, within) in [(3, 1000.0), (60, 100.0), (60, 1000.0)] {
             let crowded = paths > 3;
             for _ in 0..10 {
                 let complex = frame(paths, within);
                 let magnitudes: Vec<f32> = complex.iter().map(|[re, im]| re.hypot(*im)).collect();
-                for (most, samples) in
-                    most.iter_mut().zip([Samples::Complex(&complex), Samples::Magnitude(&magnitudes)])
+                for (cut, samples) in
+                    cut.iter_mut().zip([Samples::Complex(&complex), Samples::Magnitude(&magnitudes)])
                 {
-                    let work = estimator.estimate(samples, 0.0).unwrap().work;
-                    assert!(crowded || work < MOST_WORK, "{work} of a plain frame");
+                    let estimate = estimator.estimate(samples, 0.0).unwrap();
+                    assert!(crowded || !estimate.cut_short, "{} of a plain frame", estimate.work);
                     // One pass of moves, the agreement after it, and the level once more.
-                    assert!(work < MOST_WORK + MOST_WORK / 2, "{work}");
-                    *most = work.max(*most);
+                    let fixed = 1024 * (FRAME + 8 * LEVEL[0]);
+                    assert!(estimate.work < fixed + MOST_WORK + MOST_WORK / 2, "{}", estimate.work);
+                    *cut += u32::from(estimate.cut_short);
                 }
             }
         }
-        std::println!("most work, complex and magnitudes: {most:?} of {MOST_WORK}");
-        assert!(most.iter().all(|most| *most >= MOST_WORK), "{most:?}: nothing was cut short");
+        std::println!("of twenty crowded frames, cut short: {cut:?}, complex and magnitudes");
+        assert!(cut.iter().all(|cut| *cut >= 5), "{cut:?}");
+    }
+
+    #[test]
+    fn the_longest_frame_is_searched_with_the_least_work_too() {
+        const SPACING_S: f32 = 0.25e-9;
+        let pulse = Pulse::root_raised_cosine(0.5e-9, 0.6);
+        let mut estimator =
+            ChannelEstimator::<16>::new(pulse, SPACING_S, 4096, 0.01, EstimatorSettings::default());
+        estimator.limit_work(10_000);
+        let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(4);
+        let mut noise = || (rng.next_u32() as f32 - 2_147_483_648.0) / 2_147_483_648.0;
+        let complex: Vec<[f32; 2]> = (0..4096)
+            .map(|n| {
+                let r = pulse.autocorrelation((n as f32 - 1000.3) * SPACING_S / pulse.duration_s);
+                [40.0 * r + noise(), 20.0 * r + noise()]
+            })
+            .collect();
+        let magnitudes: Vec<f32> = complex.iter().map(|[re, im]| re.hypot(*im)).collect();
+        for samples in [Samples::Complex(&complex), Samples::Magnitude(&magnitudes)] {
+            let estimate = estimator.estimate(samples, 0.0).unwrap();
+            let [path] = &estimate.paths[..] else { panic!("{:?}", estimate.paths) };
+            assert!((path.delay_s / SPACING_S - 1000.3).abs() < 0.2 && estimate.cut_short, "{path:?}");
+        }
     }
 }

@@ -79,7 +79,8 @@ pub(super) fn estimate<T: Real>(
         work.done += level_cost(&peaks);
         noise.update(&MAGNITUDE_CUT, &beside(estimator, &powers, &peaks), floor);
     }
-    work.most = work.done + estimator.most_work;
+    // Looking at as many maxima as there can be comes with every frame.
+    work.most = work.done + MAXIMUM[0] * (samples.len() / 2) as u32 + estimator.most_work;
     if let Some([_, ahead]) = begins {
         let tail = tail(&powers[..ahead], &noise.at_samples(ahead));
         kappa = farther(kappa, tail);
