@@ -126,7 +126,7 @@ fn of_quarter(quarter: i32, rest: f32) -> f32 {
         let series = -0.166_666_55 + square * (8.332_157e-3 + square * -1.951_464_7e-4);
         rest + rest * square * series
     } else {
-        let series = 0.041_666_646 + square * (-1.388_730_9e-3 + square * 2.443_243_1e-5);
+        let series = 0.041_666_646 + square * (-1.388_731e-3 + square * 2.443_243_1e-5);
         1.0 - 0.5 * square + square * square * series
     };
     if quarter & 2 == 0 { value } else { -value }
