@@ -727,11 +727,12 @@ typedef struct cogmint_config {
    */
   uint32_t rendezvous;
   /**
-   * Work on a frame after which no more paths are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9).
+   * Work on the paths of a frame after which no more are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9), on top of
+   * what every frame costs.
    */
   uint32_t frame_work;
   /**
-   * Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535).
+   * Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535), with two places at least.
    */
   uint32_t comparisons;
 } cogmint_config;
