@@ -103,6 +103,12 @@ pub struct Line {
     length: usize,
 }
 
+impl Default for Line {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Line {
     /// An empty line.
     pub fn new() -> Self {

@@ -99,12 +99,11 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize, const FRAMES
         ranging: Ranging,
         pulse: Pulse,
         leaves: bool,
-        most_work: u32,
     ) {
         self.radio = radio;
         self.estimator_settings = estimator_settings;
         self.ranging = ranging;
-        self.rebuild(pulse, most_work);
+        self.rebuild(pulse);
         self.threshold =
             self.estimator.first().map_or(0.0, |estimator| estimator.threshold(&Samples::Complex(&[])));
         self.leaves = leaves && POINTS > 0;
@@ -248,8 +247,8 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize, const FRAMES
             estimator.change(pulse, spacing_s, samples, false_paths, self.estimator_settings);
             *estimator_pulse = pulse;
         }
-        estimator.limit_work(link.most_work);
-        let estimate = estimator.estimate_checked(frame.samples, frame.first_sample_delay_s);
+        let (samples, first_sample_delay_s) = (frame.samples, frame.first_sample_delay_s);
+        let estimate = estimator.estimate_checked(samples, first_sample_delay_s, link.most_work);
         scan.cut_short = estimate.cut_short;
         seen(&estimate);
         let elapsed_s =
@@ -380,13 +379,12 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize, const FRAMES
         })
     }
 
-    /// Makes the estimator anew, for this pulse and as much work on a frame.
+    /// Makes the estimator anew, for this pulse.
     #[inline(never)]
-    pub(crate) fn rebuild(&mut self, pulse: Pulse, most_work: u32) {
+    pub(crate) fn rebuild(&mut self, pulse: Pulse) {
         let (spacing_s, samples) = (self.radio.sample_spacing_s, self.radio.samples_per_frame);
         let false_paths = self.radio.false_paths_per_frame;
         for estimator in &mut self.estimator {
-            estimator.limit_work(most_work);
             estimator.start(pulse, spacing_s, samples, false_paths, self.estimator_settings);
         }
         self.estimator_pulse = pulse;

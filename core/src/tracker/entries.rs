@@ -180,14 +180,7 @@ impl<
         *digest = if SOURCES == 0 && SEGMENTS == 0 { 0 } else { map.digest() };
         let own = &*own;
         let Config { start, ranging, .. } = own;
-        receiver.start(
-            own.radio,
-            own.estimator,
-            *ranging,
-            pulse,
-            own.belief.reads_below_threshold,
-            own.work.frame,
-        );
+        receiver.start(own.radio, own.estimator, *ranging, pulse, own.belief.reads_below_threshold);
         environment.start();
         let reached = Region::reached(own_anchors, ranging.max_range_m);
         let region = Region::inside(plan.outline_m()).unwrap_or(reached);

@@ -277,11 +277,11 @@ impl<
         let Some(first) = library.get(config.controller.first_action) else { return };
         let pulse = config.radio.pulse(first);
         if reset.has(Part::Estimator) {
-            receiver.rebuild(pulse, config.work.frame);
+            receiver.rebuild(pulse);
         }
         if reset.has(Part::Receiver) {
             let keeps = config.belief.reads_below_threshold;
-            receiver.start(config.radio, config.estimator, config.ranging, pulse, keeps, config.work.frame);
+            receiver.start(config.radio, config.estimator, config.ranging, pulse, keeps);
         }
         if reset.has(Part::Environment) || reset.has(Part::Belief) {
             environment.mend(anchors.len(), |slot| belief.leader().surface(slot).is_some());

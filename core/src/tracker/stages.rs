@@ -23,7 +23,6 @@ use crate::perceptor::below_threshold::{Reader, missed};
 use crate::perceptor::receiver::{Receiver, Scans};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
-use crate::real::smaller;
 use crate::report::MapChanges;
 use heapless::Vec;
 
@@ -294,13 +293,8 @@ pub(super) fn propose_places<
         let _ = landmarks.push(images);
         let _ =
             direct.push(Landmark { position_m: sight.anchor_m, covariance_m2: [0.0; 3], detection: seen });
-        let _ = sweeps.push(Sweep {
-            measurements: &scan.measurements,
-            height_m: sight.height_m,
-            bias,
-            least_m2: scan.measurements.iter().fold(f32::INFINITY, |least, z| smaller(z.variance_m2, least)),
-            clutter: clutter.clutter(scan.anchor),
-        });
+        let clutter = clutter.clutter(scan.anchor);
+        let _ = sweeps.push(Sweep::new(&scan.measurements, sight.height_m, bias, clutter));
     }
     propose(
         &sweeps,

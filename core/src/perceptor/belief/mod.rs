@@ -669,13 +669,7 @@ mod tests {
             if belief.proposes() {
                 let sweeps: std::vec::Vec<_> = scans
                     .iter()
-                    .map(|scan| Sweep {
-                        least_m2: scan.measurements.iter().map(|z| z.variance_m2).fold(f32::MAX, f32::min),
-                        measurements: &scan.measurements,
-                        height_m: 0.0,
-                        bias: (0.0, 0.0),
-                        clutter: CLUTTER,
-                    })
+                    .map(|scan| Sweep::new(&scan.measurements, 0.0, (0.0, 0.0), CLUTTER))
                     .collect();
                 let landmarks = |sweep: usize| {
                     let position_m = ANCHORS[sweep];

@@ -15,7 +15,7 @@ use crate::model::lateness::Lateness;
 use crate::model::measurement::{Clutter, Measurement};
 use crate::perceptor::association::background::Background;
 use crate::perceptor::expectation::Expectation;
-use crate::real::{LnProduct, TAU, cos, larger, ln, sin, sqrt};
+use crate::real::{LnProduct, TAU, cos, larger, ln, sin, smaller, sqrt};
 use heapless::Vec;
 
 /// Capacity: arcs of one circle.
@@ -74,16 +74,26 @@ pub struct Landmark {
 /// A scan as places are weighed by it.
 #[derive(Clone, Copy, Debug)]
 pub struct Sweep<'a, const PATHS: usize> {
-    /// The measurements.
-    pub measurements: &'a Vec<Measurement, PATHS>,
-    /// Height of the anchor above the tag, metres.
-    pub height_m: f32,
-    /// Bias of the anchor's ranges, metres, and its variance, square metres.
-    pub bias: (f32, f32),
-    /// Least variance of them, square metres, which all count as having: next to a place's it is small.
-    pub least_m2: f32,
-    /// Intensities of what belongs to nothing.
-    pub clutter: Clutter,
+    measurements: &'a Vec<Measurement, PATHS>,
+    height_m: f32,
+    bias: (f32, f32),
+    /// Least variance of the measurements, square metres, which all count as having: next to a place's it is small.
+    least_m2: f32,
+    clutter: Clutter,
+}
+
+impl<'a, const PATHS: usize> Sweep<'a, PATHS> {
+    /// Of these measurements of an anchor that hangs so high above the tag, metres, whose ranges have a `bias` of this mean, metres, and
+    /// variance, square metres; `clutter` are the intensities of what belongs to nothing.
+    pub fn new(
+        measurements: &'a Vec<Measurement, PATHS>,
+        height_m: f32,
+        bias: (f32, f32),
+        clutter: Clutter,
+    ) -> Self {
+        let least_m2 = measurements.iter().fold(f32::INFINITY, |least, z| smaller(z.variance_m2, least));
+        Self { measurements, height_m, bias, least_m2, clutter }
+    }
 }
 
 /// Where the arcs of a cycle begin, as a share of an arc, and whose turn it is, as a share of all scans.
@@ -271,13 +281,7 @@ mod tests {
     }
 
     fn sweeps(scans: &[Vec<Measurement, 4>; 2]) -> [Sweep<'_, 4>; 2] {
-        let sweep = |measurements| Sweep {
-            measurements,
-            height_m: 0.0,
-            bias: (0.0, 0.0),
-            least_m2: STD_M * STD_M,
-            clutter: CLUTTER,
-        };
+        let sweep = |measurements| Sweep::new(measurements, 0.0, (0.0, 0.0), CLUTTER);
         [sweep(&scans[0]), sweep(&scans[1])]
     }
 
@@ -346,13 +350,7 @@ mod tests {
         for range_m in [7.0, 3.0, 5.0] {
             one.push(measurement(range_m, 1e-4)).unwrap();
         }
-        let sweep = Sweep {
-            measurements: &one,
-            height_m: 1.0,
-            bias: (0.2, 0.0),
-            least_m2: STD_M * STD_M,
-            clutter: CLUTTER,
-        };
+        let sweep = Sweep::new(&one, 1.0, (0.2, 0.0), CLUTTER);
         let places = propose(&[sweep], |_| landmarks(1), |_, _| 1.0, [0.7, 0.0]);
         assert_eq!(places.len(), PROPOSED);
         for place in &places {

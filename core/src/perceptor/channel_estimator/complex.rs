@@ -81,6 +81,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         &self,
         samples: &[Complex],
         first_sample_delay_s: f32,
+        most_work: u32,
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(power), samples.len());
         let strongest = samples.iter().map(power).fold(0.0, larger);
@@ -99,7 +100,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
             threshold: self.threshold,
-            work: Work::of(samples.len()),
+            work: Work::of(samples.len(), most_work),
         };
         if let Some(sample) = begins {
             fit.begin(sample);
@@ -118,7 +119,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         }
         let mut refined = false;
         for _ in 0..PATHS + SPARE_ROUNDS {
-            if fit.work.is_used_up(self.most_work) {
+            if fit.work.is_used_up() {
                 break;
             }
             if refined {
@@ -176,7 +177,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
     /// Moves delays until they stand still.
     fn move_until_still(&mut self) {
         for _ in 0..PASSES {
-            if self.work.is_used_up(self.estimator.most_work) || !self.move_delays() {
+            if self.work.is_used_up() || !self.move_delays() {
                 break;
             }
             self.settle();

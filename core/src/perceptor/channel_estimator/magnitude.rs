@@ -82,6 +82,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         &self,
         samples: &[f32],
         first_sample_delay_s: f32,
+        most_work: u32,
     ) -> ChannelEstimate<PATHS> {
         let white = white_level(|| samples.iter().map(|m| m * m), samples.len());
         let strongest = samples.iter().map(|m| m * m).fold(0.0, larger);
@@ -97,7 +98,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             peaks: Vec::new(),
             noise: &mut estimate.noise,
             cells: CellPowers::new(&steps, powers),
-            work: Work::of(samples.len()),
+            work: Work::of(samples.len(), most_work),
             triple: Triple::new(&self.table),
             threshold: self.magnitude_threshold,
         };
@@ -123,7 +124,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                 }
                 fit.refit();
             }
-            if fit.work.is_used_up(self.most_work) || !fit.add_strongest() {
+            if fit.work.is_used_up() || !fit.add_strongest() {
                 break;
             }
         }
@@ -187,7 +188,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         let mut floor = SCALLOPING * (midway * midway) * self.threshold;
         let mut best: Option<Peak> = None;
         for (n, window) in (1..).zip(self.samples.windows(3)) {
-            if self.work.is_used_up(self.estimator.most_work) {
+            if self.work.is_used_up() {
                 break;
             }
             let &[before, here, after] = window else { continue };

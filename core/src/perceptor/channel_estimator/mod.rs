@@ -124,7 +124,6 @@ pub struct ChannelEstimator<const PATHS: usize> {
     /// kappa of a path at the beginning.
     beginning_threshold: f32,
     settings: EstimatorSettings,
-    most_work: u32,
 }
 
 /// Capacity: rounds of the search beyond `PATHS`, which bound its time; a round may drop a path.
@@ -147,7 +146,6 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         settings: EstimatorSettings,
     ) -> Self {
         let mut estimator = Self::empty();
-        estimator.limit_work(MOST_WORK);
         estimator.start(pulse, sample_spacing_s, samples, false_paths, settings);
         estimator
     }
@@ -165,16 +163,10 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             magnitude_threshold: 0.0,
             beginning_threshold: 0.0,
             settings: EstimatorSettings::NONE,
-            most_work: 0,
         }
     }
 
-    /// From now on ends estimates that have cost this much ([`work`]): [`MOST_WORK`] where nothing else is told.
-    pub fn limit_work(&mut self, most_work: u32) {
-        self.most_work = most_work;
-    }
-
-    /// As [`Self::new`], where it stays; [`Self::limit_work`] comes first.
+    /// As [`Self::new`], where it stays.
     pub fn start(
         &mut self,
         pulse: Pulse,
@@ -234,19 +226,33 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         samples: Samples<'_>,
         first_sample_delay_s: f32,
     ) -> Result<ChannelEstimate<PATHS>, SampleFault> {
-        samples.check()?;
-        Ok(self.estimate_checked(samples, first_sample_delay_s))
+        self.estimate_within(samples, first_sample_delay_s, MOST_WORK)
     }
 
-    /// [`Self::estimate`] of samples that passed [`Samples::check`].
+    /// [`Self::estimate`], ended where looking for paths has cost this much ([`work`]; [`MOST_WORK`] otherwise).
+    ///
+    /// # Errors
+    /// What is wrong with the samples.
+    pub fn estimate_within(
+        &self,
+        samples: Samples<'_>,
+        first_sample_delay_s: f32,
+        most_work: u32,
+    ) -> Result<ChannelEstimate<PATHS>, SampleFault> {
+        samples.check()?;
+        Ok(self.estimate_checked(samples, first_sample_delay_s, most_work))
+    }
+
+    /// [`Self::estimate_within`] of samples that passed [`Samples::check`].
     pub(crate) fn estimate_checked(
         &self,
         samples: Samples<'_>,
         first_sample_delay_s: f32,
+        most_work: u32,
     ) -> ChannelEstimate<PATHS> {
         match samples {
-            Samples::Complex(samples) => self.estimate_complex(samples, first_sample_delay_s),
-            Samples::Magnitude(samples) => self.estimate_magnitude(samples, first_sample_delay_s),
+            Samples::Complex(samples) => self.estimate_complex(samples, first_sample_delay_s, most_work),
+            Samples::Magnitude(samples) => self.estimate_magnitude(samples, first_sample_delay_s, most_work),
         }
     }
 
@@ -321,8 +327,7 @@ written!(ChannelEstimator<const PATHS> {
     threshold,
     magnitude_threshold,
     beginning_threshold,
-    settings,
-    most_work
+    settings
 });
 
 #[cfg(test)]

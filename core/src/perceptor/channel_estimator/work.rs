@@ -22,18 +22,18 @@ pub const MAXIMUM: [u32; 2] = [130, 20];
 pub const FIT: [u32; 2] = [5200, 250];
 
 /// Work on a frame so far.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Work {
     done: u32,
-    /// What comes with every frame: the search's costs are on top of it.
-    fixed: u32,
+    /// Where nothing more is begun: what comes with every frame, and what its search may cost.
+    most: u32,
     cut_short: bool,
 }
 
 impl Work {
-    /// On a frame of so many samples, whatever is found in it.
-    pub fn of(samples: usize) -> Self {
-        Self { done: FRAME * samples as u32, ..Self::default() }
+    /// On a frame of so many samples, whose search may cost so much.
+    pub fn of(samples: usize, most: u32) -> Self {
+        Self { done: FRAME * samples as u32, most, cut_short: false }
     }
 
     /// Its cost.
@@ -44,12 +44,12 @@ impl Work {
     /// From now on paths are looked for, among so many maxima at most.
     pub fn begin_search(&mut self, maxima: usize) {
         let [maximum, _] = MAXIMUM;
-        self.fixed = self.done + maximum * maxima as u32;
+        self.most = self.most.saturating_add(self.done + maximum * maxima as u32);
     }
 
     /// Whether nothing more may be begun, which is noted.
-    pub fn is_used_up(&mut self, most: u32) -> bool {
-        let is_used_up = self.done.saturating_sub(self.fixed) >= most;
+    pub fn is_used_up(&mut self) -> bool {
+        let is_used_up = self.done >= self.most;
         self.cut_short |= is_used_up;
         is_used_up
     }
@@ -134,9 +134,8 @@ mod tests {
     fn the_longest_frame_is_searched_with_the_least_work_too() {
         const SPACING_S: f32 = 0.25e-9;
         let pulse = Pulse::root_raised_cosine(0.5e-9, 0.6);
-        let mut estimator =
+        let estimator =
             ChannelEstimator::<16>::new(pulse, SPACING_S, 4096, 0.01, EstimatorSettings::default());
-        estimator.limit_work(10_000);
         let mut rng = rand_xoshiro::Xoshiro128PlusPlus::seed_from_u64(4);
         let mut noise = || (rng.next_u32() as f32 - 2_147_483_648.0) / 2_147_483_648.0;
         let complex: Vec<[f32; 2]> = (0..4096)
@@ -147,7 +146,7 @@ mod tests {
             .collect();
         let magnitudes: Vec<f32> = complex.iter().map(|[re, im]| re.hypot(*im)).collect();
         for samples in [Samples::Complex(&complex), Samples::Magnitude(&magnitudes)] {
-            let estimate = estimator.estimate(samples, 0.0).unwrap();
+            let estimate = estimator.estimate_within(samples, 0.0, 10_000).unwrap();
             let [path] = &estimate.paths[..] else { panic!("{:?}", estimate.paths) };
             assert!((path.delay_s / SPACING_S - 1000.3).abs() < 0.2 && estimate.cut_short, "{path:?}");
         }
