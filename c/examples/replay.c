@@ -10,8 +10,8 @@
 #include "cogmint.h"
 #include "feed_io.h"
 
-/* Little-endian "COG4". */
-#define MAGIC 0x34474f43u
+/* Little-endian "COG5". */
+#define MAGIC 0x35474f43u
 /* Room for a map: some 20 bytes per source, 60 per surface, 16 per pair of surfaces. */
 #define MOST_MAP_BYTES 2048
 /* Room for one frame, complex samples. */
@@ -122,6 +122,8 @@ static void read_config(void) {
   config.has_gain_control = radio & 1;
   config.dense_begins_with_path = radio & 2;
   config.has_heading = word();
+  config.anchor_work = word();
+  config.comparisons = word();
   config.first_action = word();
   config.planned_actions = word();
 }

@@ -20,7 +20,7 @@
 /**
  * Bytes of cogmint_report.
  */
-#define COGMINT_REPORT_SIZE 136
+#define COGMINT_REPORT_SIZE 140
 
 #if !defined(COGMINT_RANGES)
 /**
@@ -727,10 +727,10 @@ typedef struct cogmint_config {
    */
   uint32_t rendezvous;
   /**
-   * Work on the paths of a frame after which no more are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9), on top of
-   * what every frame costs.
+   * Work for each anchor that is heard in a cycle, about in instructions of a Cortex-M4F (20,000 to 1e9): half of it at most goes into
+   * looking for the paths of its frame, and what frames leave into comparing places with what was heard.
    */
-  uint32_t frame_work;
+  uint32_t anchor_work;
   /**
    * Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535), with two places at least.
    */
@@ -993,6 +993,10 @@ typedef struct cogmint_report {
    * Paths or ranges left out because no more than COGMINT_MOST_PATHS are kept.
    */
   uint32_t left_out;
+  /**
+   * What the cycle has cost, about in instructions of a Cortex-M4F.
+   */
+  uint32_t work;
   /**
    * Frames whose estimate was ended for its work: weak paths may be missing.
    */

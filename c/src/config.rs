@@ -115,9 +115,9 @@ pub struct CogmintConfig {
     /// COGMINT_NO_INDEX: there is none, and choices are used at once.
     pub rendezvous: u32,
 
-    /// Work on the paths of a frame after which no more are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9), on top of
-    /// what every frame costs.
-    pub frame_work: u32,
+    /// Work for each anchor that is heard in a cycle, about in instructions of a Cortex-M4F (20,000 to 1e9): half of it at most goes into
+    /// looking for the paths of its frame, and what frames leave into comparing places with what was heard.
+    pub anchor_work: u32,
     /// Comparisons of places with what an anchor delivered, per cycle at most (1 to 65,535), with two places at least.
     pub comparisons: u32,
 }
@@ -170,7 +170,7 @@ impl CogmintConfig {
             planned_actions: controller.planned_actions as u32,
             horizon: controller.horizon as u32,
             rendezvous: controller.rendezvous.map_or(COGMINT_NO_INDEX, |action| action as u32),
-            frame_work: work.frame,
+            anchor_work: work.anchor,
             comparisons: u32::from(work.comparisons),
         }
     }
@@ -215,7 +215,7 @@ impl CogmintConfig {
             COGMINT_NO_INDEX => None,
             action => Some(action as usize),
         };
-        config.work.frame = self.frame_work;
+        config.work.anchor = self.anchor_work;
         // What is out of range stays so.
         config.work.comparisons = u16::try_from(self.comparisons).unwrap_or(0);
         Ok(config)

@@ -35,7 +35,7 @@ use surroundings::{filled, with};
 use tracker::Tracker;
 
 /// Bytes of cogmint_report.
-pub const COGMINT_REPORT_SIZE: usize = 136;
+pub const COGMINT_REPORT_SIZE: usize = 140;
 const _: () = assert!(size_of::<CogmintReport>() == COGMINT_REPORT_SIZE);
 
 /// A tracker, in the memory that cogmint_start was given.
@@ -125,6 +125,8 @@ pub struct CogmintReport {
     pub measurements: u32,
     /// Paths or ranges left out because no more than COGMINT_MOST_PATHS are kept.
     pub left_out: u32,
+    /// What the cycle has cost, about in instructions of a Cortex-M4F.
+    pub work: u32,
     /// Frames whose estimate was ended for its work: weak paths may be missing.
     pub cut_short: u32,
     /// Places that counted and found no room among those that are followed.
@@ -172,6 +174,7 @@ impl CogmintReport {
             anchors_heard: report.anchors_heard,
             measurements: report.measurements,
             left_out: report.left_out,
+            work: report.work,
             cut_short: report.cut_short,
             crowded_out: report.crowded_out,
             associated: report.associated,

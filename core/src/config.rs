@@ -96,27 +96,33 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WorkLimits {
-    /// Work on the paths of a frame after which no more are looked for, about in instructions of a Cortex-M4F (10,000 to 1e9;
-    /// [`crate::perceptor::channel_estimator::work`]): on top of what every frame costs, some 700 a sample. Less: the weakest of many
-    /// paths are missed in crowded frames.
-    pub frame: u32,
+    /// Work for each anchor that is heard in a cycle, about in instructions of a Cortex-M4F (20,000 to 1e9; [`crate::model::work`]): half of
+    /// it at most goes into looking for the paths of its frame ([`crate::perceptor::channel_estimator::work`]), and what frames leave
+    /// into comparing components of the belief with the scans, two at least. Less: the weakest of many paths are missed in crowded
+    /// frames, a lost tag is found later, and one of two places may be dropped.
+    pub anchor: u32,
     /// How often components of the belief are compared with scans at most (1 to 65,535), each scan with two at least. Where more is
-    /// heard, fewer components are carried. Less: a lost tag is found later, and one of two places may be dropped.
+    /// heard, fewer components are carried.
     pub comparisons: u16,
 }
 
 impl WorkLimits {
     /// Those of a tracker that is not started.
-    pub(crate) const NONE: Self = Self { frame: 0, comparisons: 0 };
+    pub(crate) const NONE: Self = Self { anchor: 0, comparisons: 0 };
+
+    /// Work on the paths of a frame after which no more are looked for, on top of what every frame costs.
+    pub const fn frame(&self) -> u32 {
+        self.anchor / 2
+    }
 }
 
 impl Default for WorkLimits {
     fn default() -> Self {
-        Self { frame: MOST_WORK, comparisons: 64 }
+        Self { anchor: 2 * MOST_WORK, comparisons: 64 }
     }
 }
 
-written!(WorkLimits { frame, comparisons });
+written!(WorkLimits { anchor, comparisons });
 
 impl Default for Config {
     /// The published set-up: a tag at 1 cm per cycle in a room, a 2 GHz radio, 40 actions of which 20 planned.
@@ -342,8 +348,8 @@ impl Config {
         within(returns_per_s, 1e-3, 100.0, Setting::Outages)?;
         within(split_above_m, 0.01, 100.0, Setting::SplitAbove)?;
         within(f32::from(work.comparisons), 1.0, f32::from(u16::MAX), Setting::Comparisons)?;
-        if !(10_000..=1_000_000_000).contains(&work.frame) {
-            return Err(Error::Configuration(Setting::FrameWork));
+        if !(20_000..=1_000_000_000).contains(&work.anchor) {
+            return Err(Error::Configuration(Setting::AnchorWork));
         }
         let ChannelMemorySettings {
             forgetting_per_s,

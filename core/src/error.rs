@@ -195,7 +195,7 @@ pub enum Setting {
     FullScale,
     FalsePaths,
     DenseDecay,
-    FrameWork,
+    AnchorWork,
     MergeDistance,
     Carrier,
     LibraryEmpty,

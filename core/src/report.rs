@@ -32,10 +32,12 @@ pub struct CycleReport {
     pub measurements: u32,
     /// Paths or ranges received that were left out because a scan keeps no more than `PATHS`, searching or not.
     pub left_out: u32,
+    /// What the cycle has cost, about in instructions of a Cortex-M4F ([`crate::model::work`]).
+    pub work: u32,
     /// Frames whose estimate was ended by [`WorkLimits::frame`](crate::config::WorkLimits::frame): weak paths may be missing.
     pub cut_short: u32,
     /// Established components of the belief that counted and found no room: each was joined with the nearest one. There is room for
-    /// as many as the belief has, and for as many as [`WorkLimits::comparisons`](crate::config::WorkLimits::comparisons) allows.
+    /// as many as the belief has, and for as many as [`WorkLimits`](crate::config::WorkLimits) allow.
     pub crowded_out: u32,
     /// Of the measurements, how many more likely than not belong to a known feature.
     pub associated: u32,

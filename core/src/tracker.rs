@@ -17,8 +17,8 @@ mod values;
 
 use self::integrity::Seals;
 use self::stages::{
-    Claimed, Explained, Heard, act, claim, conclude, hear, look_beside, look_through, propose_places, reader,
-    remember, revise_map,
+    Claimed, Explained, Heard, act, claim, conclude, hear, look_beside, look_through, planning,
+    propose_places, reader, remember, revise_map, slots,
 };
 use self::values::{Known, Place, Told, walls_now};
 use crate::config::Config;
@@ -36,6 +36,7 @@ use crate::model::anchor::Anchor;
 use crate::model::motion::Agent;
 use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
+use crate::model::work::{COMPONENT, CYCLE, HYPOTHESIS, LESSON, Work};
 use crate::observer::{Observer, Stage};
 use crate::perceptor::association::outcome::Outcomes;
 use crate::perceptor::belief::component::{LEAPT, apart};
@@ -199,9 +200,12 @@ impl<
         let unheard_s = receiver.unheard_s(scans);
 
         observer.stage(Stage::Predict);
-        belief.begin(scans.len(), config.work.comparisons);
+        belief.begin(scans.len(), slots(belief, &told, environment, scans));
         let last = belief.leader().agent();
         belief.predict(elapsed_s, is_heard.then_some(unheard_s));
+        let mut work = Work::of(CYCLE);
+        work.add(COMPONENT, belief.components().len());
+        scans.iter().for_each(|scan| work.add_all(scan.work));
         let predicted = belief.leader().agent();
         let silent_s = if is_heard { 0.0 } else { unheard_s };
         let predicted_entropy_nat = position_entropy_nat(&belief.covariance_m2(silent_s));
@@ -217,7 +221,8 @@ impl<
         let walls = &walls_now(plan, belief.leader(), environment, hide, |wall| transmission.through(wall));
         if is_heard && belief.proposes() {
             let (trusted, turn) = (belief.trusted(), belief.turn());
-            let places = propose_places(trusted, &told, environment, channel, clutter, plan, scans, turn);
+            let places =
+                propose_places(trusted, &told, environment, channel, clutter, plan, scans, turn, &mut work);
             for place in &places {
                 belief.enter(place);
             }
@@ -227,6 +232,8 @@ impl<
         let mut explained = Explained::default();
         for scan in scans.iter() {
             let claims = claim(discovery, &told, belief.leader(), clutter, scan, &mut claimed);
+            let [expected, updated] = HYPOTHESIS;
+            work.add(expected + updated, discovery.hypotheses(scan.anchor));
             let Some(claims) = claims else { continue };
             let surroundings = (&*plan, walls);
             let reader = reader(&told, receiver, clutter, scan);
@@ -241,6 +248,7 @@ impl<
                 (scan, reader.as_ref()),
                 &claims,
                 &mut outcomes,
+                &mut work,
                 |outcome| {
                     let expected = &outcome.expected;
                     observer.expectations(scan.anchor, &expected.direct, &expected.virtual_anchors);
@@ -273,6 +281,8 @@ impl<
         let (searching, is_sure) = (belief.is_searching(), belief.is_sure() && !has_leapt);
 
         observer.stage(Stage::Remember);
+        work.add(LESSON, outcomes.sources());
+        work.add_all(planning(&told, anchors.len() + environment.iter().count()));
         let known = (searching, is_sure);
         remember(
             environment,
@@ -330,6 +340,7 @@ impl<
             anchors_heard: heard.anchors,
             measurements: heard.measurements,
             left_out: scans.iter().fold(0, |sum, scan| sum + scan.left_out),
+            work: work.instructions(),
             cut_short: scans.iter().fold(0, |sum, scan| sum + u32::from(scan.cut_short)),
             crowded_out: belief.crowded_out(),
             associated: heard.associated,

@@ -1,7 +1,7 @@
 //! The feed: set-up and cycles of a recording, as the host's `cogmint trace --feed` writes them.
 //!
-//! Little-endian 32-bit words. `COG4`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
-//! 14 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 5
+//! Little-endian 32-bit words. `COG5`; counts of anchors, mapped virtual anchors, actions, cycles; seed (two words);
+//! 14 configuration words, samples of the pulse's autocorrelation (0: none), roll-off or their spacing, those samples, 7
 //! more words; per anchor x, y, height, mean and
 //! deviation of its range bias; per mapped virtual anchor its anchor, x, y, deviation; whether there is a plan; of
 //! a plan counts of corners, walls and segments, deviation of its turn, reflections, most sources, per corner x, y, per wall
@@ -19,7 +19,7 @@ use cogmint_core::radio::pulse::{PULSE_SAMPLES, PulseShape};
 use cogmint_core::{Anchor, Config, Map, MappedVirtualAnchor, Plan, PlanSegment, PlanWall};
 use heapless::Vec;
 
-const MAGIC: u32 = u32::from_le_bytes(*b"COG4");
+const MAGIC: u32 = u32::from_le_bytes(*b"COG5");
 
 /// An open feed.
 pub struct Feed {
@@ -201,6 +201,8 @@ impl Feed {
         config.radio.gain_control = radio & 1 != 0;
         config.estimator.begins_with_path = radio & 2 != 0;
         config.has_heading = self.word()? != 0;
+        config.work.anchor = self.word()?;
+        config.work.comparisons = u16::try_from(self.word()?).ok()?;
         config.controller.first_action = self.count()?;
         config.controller.planned_actions = self.count()?;
         let mut setup = Setup {

@@ -51,7 +51,7 @@ fn replayed<const S: usize, const C: usize, const P: usize>(
 /// The recording holds scans of more than 16 ranges, which the firmware has no room for.
 pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>, InputError> {
     let mut feed = Feed::default();
-    feed.word(u32::from_le_bytes(*b"COG4"));
+    feed.word(u32::from_le_bytes(*b"COG5"));
     for count in [setup.anchors.len(), setup.map.len(), setup.actions.len(), recording.cycles.len()] {
         feed.count(count);
     }
@@ -91,6 +91,8 @@ pub fn feed(setup: &Setup, recording: &Recording, file: &Path) -> Result<Vec<u8>
     feed.count(config.radio.samples_per_frame);
     feed.word(u32::from(config.radio.gain_control) | u32::from(config.estimator.begins_with_path) << 1);
     feed.word(u32::from(config.has_heading));
+    feed.word(config.work.anchor);
+    feed.word(u32::from(config.work.comparisons));
     feed.count(config.controller.first_action);
     feed.count(config.controller.planned_actions);
     for (anchor, [mean_m, std_m]) in setup.anchors.iter().zip(&setup.range_biases_m) {

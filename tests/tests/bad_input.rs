@@ -325,7 +325,7 @@ fn configurations_out_of_range_are_refused() {
     refuse(|c| c.radio.false_paths_per_frame = 0.0, Setting::FalsePaths);
     refuse(|c| c.estimator.dense_decay_s = 1e-10, Setting::DenseDecay);
     refuse(|c| c.estimator.dense_decay_pulses = 0.0, Setting::DenseDecay);
-    refuse(|c| c.work.frame = 9_999, Setting::FrameWork);
+    refuse(|c| c.work.anchor = 19_999, Setting::AnchorWork);
     refuse(|c| c.estimator.merge_pulses = f32::NAN, Setting::MergeDistance);
     refuse(|c| c.belief.elsewhere_per_s = 0.0, Setting::Elsewhere);
     refuse(|c| c.belief.outages_per_s = -1.0, Setting::Outages);

@@ -23,6 +23,7 @@
 use super::plan::{FloorPlan, Inside, Segment, Wall};
 use super::surface::Line;
 use crate::real::{abs, larger, limited, smaller};
+use core::cell::Cell;
 use heapless::Vec;
 
 /// Guard: against certainty where a wall is told as exact: its least deviation, metres. Walls are thick.
@@ -100,6 +101,8 @@ pub struct Paths<'a, const SEGMENTS: usize> {
     anchor: Corner,
     tag: Corner,
     beside: Vec<Beside<'a>, SEGMENTS>,
+    /// Legs that may have crossed a wall, of all paths asked for.
+    legs: Cell<u32>,
 }
 
 /// A corner of a path: an end of it or a reflection.
@@ -160,7 +163,7 @@ impl<'a, const SEGMENTS: usize> Walls<'a, SEGMENTS> {
     pub fn paths(&self, anchor_m: [f32; 2], place_m: [f32; 2], std_m: f32) -> Paths<'_, SEGMENTS> {
         let std_m = limited(std_m, 0.0, MOST_STD_M);
         let (anchor, tag) = (Corner { at_m: anchor_m, std_m: 0.0 }, Corner { at_m: place_m, std_m });
-        let mut paths = Paths { walls: self, anchor, tag, beside: Vec::new() };
+        let mut paths = Paths { walls: self, anchor, tag, beside: Vec::new(), legs: Cell::new(0) };
         if SEGMENTS > 0 {
             self.look(&mut paths.beside, anchor_m, &tag);
         }
@@ -240,6 +243,7 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
     fn through(&self, corners: &[Corner; 4], legs: u8, [first, second]: [usize; 2]) -> (f32, Crossing) {
         let [_, Corner { at_m: [ax, ay], .. }, Corner { at_m: [bx, by], .. }, _] = *corners;
         let (mut through, mut crossing) = (1.0, Crossing::None);
+        let mut legs_met = 0;
         for (index, beside) in self.beside.iter().enumerate() {
             let Beside { wall, normal: [nx, ny], from_m, to_m, .. } = *beside;
             let (a_m, b_m) = (nx * ax + ny * ay, nx * bx + ny * by);
@@ -261,6 +265,7 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
             while left != 0 {
                 let leg = left.trailing_zeros() as usize;
                 left &= left - 1;
+                legs_met += 1;
                 let Some([from, to]) = corners.get(leg..leg + 2) else { break };
                 let crossed = wall.crossed(from, leg == 0, to, surely & (1 << leg) != 0);
                 if crossed > 0.0 {
@@ -272,6 +277,7 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
                 }
             }
         }
+        self.legs.set(self.legs.get().saturating_add(legs_met));
         (through, crossing)
     }
 
@@ -292,6 +298,11 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
         }
         let (other, _) = self.traced(inner, Some(outer));
         (smaller(available + other, 1.0), is_reversed)
+    }
+
+    /// How often a leg was near enough to a wall to be compared with it, in all that was asked so far.
+    pub fn legs(&self) -> u32 {
+        self.legs.get()
     }
 
     /// The walls that the direct path crosses.

@@ -20,3 +20,4 @@ pub mod soft_update;
 pub mod source;
 pub mod surface;
 pub mod transceiver;
+pub mod work;

@@ -9,6 +9,7 @@ use crate::model::measurement::{Measurement, Ranging};
 use crate::model::observation::{
     Frame, FrameRules, Observation, RangeScan, Samples, check_frame, check_scan,
 };
+use crate::model::work::Work;
 use crate::radio::Radio;
 use crate::radio::library::Library;
 use crate::radio::pulse::Pulse;
@@ -249,7 +250,7 @@ impl<const ANCHORS: usize, const PATHS: usize, const POINTS: usize, const FRAMES
         }
         let (samples, first_sample_delay_s) = (frame.samples, frame.first_sample_delay_s);
         let estimate = estimator.estimate_checked(samples, first_sample_delay_s, link.most_work);
-        scan.cut_short = estimate.cut_short;
+        (scan.work, scan.cut_short) = (Work::of(estimate.work), estimate.cut_short);
         seen(&estimate);
         let elapsed_s =
             self.silent_s.get_mut(frame.anchor).map_or(0.0, |[_, frame_s]| core::mem::take(frame_s));

@@ -3,6 +3,7 @@
 use super::channel_estimator::NoiseLevel;
 use crate::model::detection::false_alarm;
 use crate::model::measurement::Measurement;
+use crate::model::work::Work;
 use crate::real::{SPEED_OF_LIGHT_M_S, abs};
 use heapless::Vec;
 
@@ -47,6 +48,8 @@ pub struct Scan<const PATHS: usize> {
     pub left_out: u32,
     /// Whether the estimate of the frame was ended for its work.
     pub cut_short: bool,
+    /// What it has cost.
+    pub work: Work,
     /// How many of the measurements are ranges.
     ranges: usize,
 }
@@ -63,6 +66,7 @@ impl<const PATHS: usize> Scan<PATHS> {
             frame: None,
             left_out: 0,
             cut_short: false,
+            work: Work::NONE,
             ranges: 0,
         }
     }

@@ -400,7 +400,7 @@ impl<
             sought_with: controller.and_then(Controller::sought_with),
             is_lost: self.belief.is_lost(observation.anchor()),
             loss_ln: self.channel.loss_ln(action),
-            most_work: self.config.work.frame,
+            most_work: self.config.work.frame(),
         }
     }
 }

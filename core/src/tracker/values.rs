@@ -15,6 +15,7 @@ use crate::model::observation::TagHeight;
 use crate::model::plan::FloorPlan;
 use crate::model::range::Regression;
 use crate::model::source::{Sight, Source};
+use crate::model::work::{BACKGROUND, COMPARISON, LEG, PAIR, SOURCE, Work};
 use crate::perceptor::expectation::{Expectations, Prospect, detection};
 use crate::perceptor::scan::Scan;
 use crate::perceptor::state_filter::StateFilter;
@@ -131,6 +132,7 @@ impl<
         told: &Told<'_, ANCHORS, ACTIONS>,
         scan: &Scan<PATHS>,
         expected: &mut Expectations<SOURCES>,
+        work: &mut Work,
     ) -> Option<()> {
         let anchor = scan.anchor;
         let sight = told.sight(anchor)?;
@@ -154,11 +156,19 @@ impl<
             && scan.is_framed()
         {
             expected.disturb(&told.config.radio.pulse(action));
+            let sources = 1 + expected.expectations.len();
+            work.add(PAIR, sources * sources / 2);
         }
+        let measurements = scan.measurements.len();
+        work.add_each(SOURCE, 1 + expected.expectations.len(), measurements);
+        work.add(BACKGROUND, measurements * measurements);
+        work.add(LEG, paths.legs() as usize);
+        work.add(COMPARISON, 1);
         Some(())
     }
 
     /// What is known of a source before a scan.
+    #[inline(always)] // built where it is used
     fn prospect<const PATHS: usize>(
         &self,
         scan: &Scan<PATHS>,
@@ -196,7 +206,7 @@ impl<
         (availability, if is_reversed { sequence.reversed() } else { *sequence })
     }
 
-    /// An image as it is seen from a place: that of a source which is confirmed.
+    /// An image as it is seen from a place: that of a source which is confirmed, and whose path the plan may let through.
     pub(super) fn seen_image(
         &self,
         told: &Told<'_, ANCHORS, ACTIONS>,
@@ -210,6 +220,9 @@ impl<
         let anchor = told.anchors.get(record.anchor)?;
         let paths = self.walls.paths(anchor.position_m, place.position_m, place.std_m);
         let (availability, sequence) = self.available(&paths, &record.sequence);
+        if availability <= 0.0 {
+            return None; // It would tell nothing.
+        }
         let (position, covariance_m2) = self.filter.placed(anchor.position_m, &sequence)?;
         Some(Visible {
             source: Source::Virtual { anchor: record.anchor, slot },

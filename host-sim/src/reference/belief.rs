@@ -158,15 +158,20 @@ impl<T: Real> Belief<T> {
         self.is_doubtful || self.heard.is_multiple_of(proposal::EVERY)
     }
 
+    /// Whether they are in the next one that hears anything.
+    pub fn will_propose(&self) -> bool {
+        self.is_doubtful || self.heard.wrapping_add(1).is_multiple_of(proposal::EVERY)
+    }
+
     /// Where its arcs begin.
     pub fn turn(&self) -> [T; 2] {
         proposal::turn(self.heard)
     }
 
     /// A cycle of so many scans begins: it has work for this many components.
-    pub fn begin(&mut self, scans: usize, comparisons: u16) {
+    pub fn begin(&mut self, scans: usize, slots: usize) {
         self.crowded_out = 0;
-        self.slots = (usize::from(comparisons) / scans.max(1)).max(2).min(self.capacity);
+        self.slots = slots.max(2).min(self.capacity);
         if scans > 0 && self.components.len() > self.slots {
             self.reduce();
             self.normalise();

@@ -26,6 +26,7 @@ use super::remember::{Memories, look_through};
 use super::start::Start;
 use super::state_filter::{Prior, StateFilter};
 use super::transmission::TransmissionMemory;
+use super::work::slots;
 use cogmint_core::memory::environment::{Origin, TOLD};
 use cogmint_core::model::observation::{Observation, TagHeight};
 use cogmint_core::perceptor::belief::component::LEAPT;
@@ -239,7 +240,8 @@ impl<T: Real> Reference<T> {
             receiver.receive(observations, elapsed_s, &links, channel.losses_ln(), library);
 
         // Predict.
-        belief.begin(scans.len(), config.work.comparisons);
+        let sources = |anchor: usize| environment.sources_of(anchor).len() - 1;
+        belief.begin(scans.len(), slots(&told, &scans, sources, belief.will_propose()));
         let last = belief.leading().agent();
         let unheard_s = receiver.unheard_s(&scans);
         let is_heard = !scans.is_empty();
@@ -382,7 +384,7 @@ impl<T: Real> Reference<T> {
             measurements: free.len() as u32,
             crowded_out: belief.crowded_out,
             left_out: heard.iter().map(|scan| scan.left_out).sum(),
-            cut_short: heard.iter().map(|scan| u32::from(scan.cut_short)).sum(),
+            cut_short: heard.iter().map(|scan| u32::from(scan.cost.cut_short)).sum(),
             associated: free.iter().filter(|free| **free <= T::of(0.5)).count() as u32,
             searching,
             lost: searching && !was_searching,

@@ -66,6 +66,7 @@ pub mod start;
 pub mod state_filter;
 pub mod surface;
 pub mod transmission;
+mod work;
 
 pub use cycle::{Capacity, Reference};
 pub use real::Real;

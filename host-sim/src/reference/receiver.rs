@@ -1,7 +1,7 @@
 //! Receiver: frames become paths; paths and ranges become one scan per anchor.
 
 use super::association::{Measurement, false_alarm};
-use super::channel_estimator::{ChannelEstimate, ChannelEstimator, NoiseLevel, Residual};
+use super::channel_estimator::{ChannelEstimate, ChannelEstimator, Cost, NoiseLevel, Residual};
 use super::controller::Library;
 use super::gain_control::GainControl;
 use super::pulse::Pulse;
@@ -34,8 +34,8 @@ pub struct Scan<T> {
     pub frame: Option<Level<T>>,
     /// Ranges and paths that there was no room for.
     pub left_out: u32,
-    /// Whether the estimate of the frame was ended for its work.
-    pub cut_short: bool,
+    /// What the estimate of the frame has cost.
+    pub cost: Cost,
 }
 
 /// What the paths of a frame stand out of.
@@ -115,7 +115,7 @@ impl<T: Real> Receiver<T> {
         let mut receiver = Self {
             radio: config.radio,
             settings: config.estimator,
-            most_work: config.work.frame,
+            most_work: config.work.frame(),
             ranging: config.ranging,
             room,
             points: if config.belief.reads_below_threshold { points } else { 0 },
@@ -156,7 +156,7 @@ impl<T: Real> Receiver<T> {
                 measurements: Vec::new(),
                 frame: None,
                 left_out: 0,
-                cut_short: false,
+                cost: Cost { work: 0, cut_short: false },
             };
             // Ranges first: they outrank the paths near them.
             for observation in &mine {
@@ -263,7 +263,7 @@ impl<T: Real> Receiver<T> {
             }
         }
         scan.action = frame.action;
-        scan.cut_short = estimate.cut_short;
+        scan.cost = estimate.cost;
         scan.frame = Some(Level {
             noise: estimate.noise.clone(),
             first_sample_delay_s,

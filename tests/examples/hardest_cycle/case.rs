@@ -13,7 +13,7 @@ use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
 /// What a seed says, with the number of bits for each. Their sum stays below 53, so that every seed is a number of JSON.
-const FIELDS: [(Field, u32); 25] = [
+const FIELDS: [(Field, u32); 26] = [
     (Field::Randomness, 13),
     (Field::Anchors, 1),
     (Field::Told, 2),
@@ -39,10 +39,11 @@ const FIELDS: [(Field, u32); 25] = [
     (Field::FramePaths, 1),
     (Field::GainControl, 1),
     (Field::Cycles, 2),
+    (Field::Pulses, 1),
 ];
 
 /// Seeds are below this.
-pub const SEEDS: u64 = 1 << 51;
+pub const SEEDS: u64 = 1 << 52;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Field {
@@ -71,6 +72,8 @@ enum Field {
     FramePaths,
     GainControl,
     Cycles,
+    /// Whether actions have pulses of their own.
+    Pulses,
 }
 
 /// Value of a field in a seed.
@@ -169,6 +172,7 @@ pub fn recording(seed: u64) -> Recording {
         })
         .collect();
     let pulse_s = 0.5e-9;
+    let pulses_s = pick(seed, Field::Pulses, &[[pulse_s; 2], [pulse_s, 1.1 * pulse_s]]);
     let actions = pick(seed, Field::Actions, &[1, ACTIONS]);
     let bias_std_m = pick(seed, Field::Bias, &[0.0, 0.5]);
     let mut recording = Recording {
@@ -207,7 +211,10 @@ pub fn recording(seed: u64) -> Recording {
             .collect(),
         virtual_anchors,
         actions: (0..actions)
-            .map(|n| Action { carrier_hz: 6e9 + 50e6 * n as f64, pulse_duration_s: pulse_s })
+            .map(|n| Action {
+                carrier_hz: 6e9 + 50e6 * n as f64,
+                pulse_duration_s: pulses_s[n % pulses_s.len()],
+            })
             .collect(),
         walls: Vec::new(),
         plan: told.is_none().then(|| plan(extent_m)),

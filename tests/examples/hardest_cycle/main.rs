@@ -1,13 +1,14 @@
-//! The hardest legal cycle: cases are searched by the time that the core takes for them on the host, and the worst are
-//! written as feeds for the firmware, whose instructions decide. `tests/hardest_cycle.sh` runs both halves:
+//! The hardest legal cycle: cases are searched by the work that the core counts, and the worst are written as feeds for the firmware,
+//! whose instructions decide. `tests/hardest_cycle.sh` runs both halves:
 //!
-//! - `search --seconds N --seed S --out DIR` writes the worst cases to folders `DIR/1`, `DIR/2`, ...;
-//! - `report --out DIR [--json]` reads what the firmware said of them.
+//! - `search --cycles N --seconds T --worst K --seed S [--uncapped] --out DIR` writes the worst K cases to folders `DIR/1`, `DIR/2`, ...;
+//! - `report --out DIR [--json]` reads what the firmware said of them; it fails where work and instructions do not agree.
 
 mod case;
 mod report;
 mod search;
 
+use search::Extent;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -46,10 +47,15 @@ fn run() -> Result<(), Failure> {
     let out = PathBuf::from(value("--out")?);
     match arguments.first().map(String::as_str) {
         Some("search") => {
-            let seconds = number("--seconds", 1_000_000)?;
+            let extent = Extent {
+                cycles: number("--cycles", 1_000_000_000)?,
+                time: Duration::from_secs(number("--seconds", 1_000_000)?),
+                is_uncapped: arguments.iter().any(|a| a == "--uncapped"),
+            };
             let seed = number("--seed", case::SEEDS)?;
-            let found = search::search(seed, Duration::from_secs(seconds));
-            report::write(&out, seed, &found).map_err(Failure::Work)
+            let mut found = search::search(seed, &extent);
+            found.worst.truncate(number("--worst", 10_000)? as usize);
+            report::write(&out, seed, &extent, &found).map_err(Failure::Work)
         }
         Some("report") => {
             let report = report::read(&out).map_err(Failure::Work)?;
@@ -58,7 +64,7 @@ fn run() -> Result<(), Failure> {
             } else {
                 report.print();
             }
-            Ok(())
+            report.check().map_err(Failure::Work)
         }
         _ => Err(Failure::Usage("what to do is search or report".into())),
     }

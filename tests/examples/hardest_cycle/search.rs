@@ -1,24 +1,23 @@
-//! The search: random cases, and the worst so far with one to three fields changed. The measure is the processor time of
-//! the core's slowest cycle on this thread; it only has to rank, since the firmware's instruction count decides.
+//! The search: random cases, and the worst so far with one to three fields changed. The measure is the work that the core counts
+//! ([`cogmint_core::CycleReport::work`]), the same on every machine; the firmware's instructions say how true it is.
 
 use super::case::{self, FIELD_COUNT, SEEDS};
 use cogmint::recording::Recording;
 use cogmint::replay::{Setup, inputs, step};
+use cogmint_core::config::WorkLimits;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use std::path::Path;
-use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// The worst cases that are kept and changed.
-const KEPT: usize = 16;
-/// Of these, those that are timed again, and those that the firmware runs.
-const TIMED_AGAIN: usize = 8;
-const FINALISTS: usize = 3;
+/// Searches that go on side by side, each with worst cases of its own, so that what is found does not depend on how fast they are.
+const SEARCHES: u64 = 4;
+/// The worst cases that a search keeps and changes.
+const KEPT: usize = 32;
 /// Share of new cases among those tried.
 const NEW_SHARE: f64 = 0.25;
-/// A case ends when its cycles took so long, seconds: the firmware in QEMU takes thirty times as long.
-const LONGEST_CASE_S: f64 = 0.5;
+/// A case ends when its cycles have cost so much, about in instructions: the firmware in QEMU has to do them too.
+const LONGEST_CASE: u64 = 1_000_000_000;
 /// A later cycle must be harder by this much to count, so that the firmware runs few cycles.
 const HARDER: f64 = 1.02;
 
@@ -29,25 +28,50 @@ pub struct Tried {
     pub seed: u64,
     /// Its hardest cycle.
     pub cycle: usize,
-    /// Processor time of that cycle, seconds.
-    pub seconds: f64,
-    /// Hash over all state after each cycle up to the hardest.
+    /// Work of every cycle up to that, about in instructions.
+    pub work: Vec<u32>,
+    /// Hash over all state after each of them.
     pub hashes: Vec<u64>,
+    /// Number of cycles that were run.
+    pub cycles: u64,
+}
+
+impl Tried {
+    /// Work of the hardest cycle.
+    pub fn hardest(&self) -> u32 {
+        self.work.last().copied().unwrap_or(0)
+    }
 }
 
 /// What a search found.
 pub struct Found {
-    /// Number of cases that were run.
+    /// Number of cases that were run, and of their cycles.
     pub searched: usize,
+    /// See there.
+    pub cycles: u64,
     /// The worst cases, the worst first.
     pub worst: Vec<Tried>,
 }
 
+/// How far a search goes.
+#[derive(Clone, Copy)]
+pub struct Extent {
+    /// It ends after so many cycles,
+    pub cycles: u64,
+    /// or after this time.
+    pub time: Duration,
+    /// Whether the core may do as much in a cycle as there is to do.
+    pub is_uncapped: bool,
+}
+
 /// The recording of a case and what its tracker is started with.
-pub fn build(seed: u64) -> Result<(Recording, Setup), String> {
+pub fn build(seed: u64, is_uncapped: bool) -> Result<(Recording, Setup), String> {
     let recording = case::recording(seed);
     let mut setup = Setup::new(&recording, Path::new("case"), None).map_err(|error| error.to_string())?;
     setup.config.controller.planned_actions = setup.actions.len();
+    if is_uncapped {
+        setup.config.work = WorkLimits { anchor: 1_000_000_000, comparisons: u16::MAX };
+    }
     Ok((recording, setup))
 }
 
@@ -55,89 +79,75 @@ pub fn build(seed: u64) -> Result<(Recording, Setup), String> {
 ///
 /// # Errors
 /// The core refuses it: then it was not legal.
-pub fn run(seed: u64) -> Result<Tried, String> {
-    let (recording, setup) = build(seed)?;
+pub fn run(seed: u64, is_uncapped: bool) -> Result<Tried, String> {
+    let (recording, setup) = build(seed, is_uncapped)?;
     let mut tracker = setup.target_tracker().map_err(|error| error.to_string())?;
-    let mut tried = Tried { seed, cycle: 0, seconds: 0.0, hashes: Vec::new() };
-    let (mut hashes, mut total_s) = (Vec::new(), 0.0);
+    let mut tried = Tried { seed, cycle: 0, work: Vec::new(), hashes: Vec::new(), cycles: 0 };
+    let (mut hardest, mut total) = (0.0, 0);
     for (cycle, input) in inputs(&recording).enumerate() {
-        let begin = thread_time_s();
         let step = step(&mut tracker, &input, &mut ()).map_err(|error| error.to_string())?;
-        let seconds = thread_time_s() - begin;
         if let Some(error) = step.refused {
             return Err(format!("cycle {cycle}: {error}"));
         }
-        hashes.push(step.hash);
-        total_s += seconds;
-        if seconds > HARDER * tried.seconds {
-            tried = Tried { cycle, seconds, ..tried };
+        let work = step.report.work;
+        tried.hashes.push(step.hash);
+        tried.work.push(work);
+        tried.cycles += 1;
+        total += u64::from(work);
+        if f64::from(work) > HARDER * hardest {
+            (tried.cycle, hardest) = (cycle, f64::from(work));
         }
-        if total_s > LONGEST_CASE_S {
+        if total > LONGEST_CASE {
             break;
         }
     }
-    hashes.truncate(tried.cycle + 1);
-    Ok(Tried { hashes, ..tried })
+    tried.hashes.truncate(tried.cycle + 1);
+    tried.work.truncate(tried.cycle + 1);
+    Ok(tried)
 }
 
-/// Time that this thread has computed for, seconds; where the system does not say, the time of day.
-fn thread_time_s() -> f64 {
-    #[cfg(unix)]
-    {
-        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
-    }
-    #[cfg(not(unix))]
-    {
-        use std::sync::LazyLock;
-        static BEGIN: LazyLock<Instant> = LazyLock::new(Instant::now);
-        BEGIN.elapsed().as_secs_f64()
-    }
-}
-
-/// The worst cases found in a time, the seed's own among those tried. The choice of what is tried starts from the seed
-/// too, but depends on how fast cases ran.
-pub fn search(seed: u64, time: Duration) -> Found {
+/// The worst cases found, the seed's own among those tried.
+pub fn search(seed: u64, extent: &Extent) -> Found {
     let begin = Instant::now();
-    let first = run(seed);
-    let found = Mutex::new(Found { searched: 1, worst: first.into_iter().collect() });
-    let threads = std::thread::available_parallelism().map_or(1, usize::from) as u64;
-    std::thread::scope(|scope| {
-        for thread in 0..threads {
-            let found = &found;
-            scope.spawn(move || {
-                let mut random = Xoshiro128PlusPlus::seed_from_u64(seed ^ thread << 60);
-                while begin.elapsed() < time {
-                    let next = next(&mut random, &found.lock().expect("no search panics").worst);
+    let parts: Vec<Found> = std::thread::scope(|scope| {
+        let own = |search| {
+            move || {
+                let mut random = Xoshiro128PlusPlus::seed_from_u64(seed ^ search << 60);
+                let mut found = Found { searched: 0, cycles: 0, worst: Vec::new() };
+                found.enter(run(seed, extent.is_uncapped));
+                while found.cycles < extent.cycles / SEARCHES && begin.elapsed() < extent.time {
+                    let next = next(&mut random, &found.worst);
                     // Every seed is legal; the tests hold that.
-                    let Ok(tried) = run(next) else { continue };
-                    let mut found = found.lock().expect("no search panics");
-                    found.searched += 1;
-                    found.enter(tried);
+                    found.enter(run(next, extent.is_uncapped));
                 }
-            });
-        }
+                found
+            }
+        };
+        let searches: Vec<_> = (0..SEARCHES).map(|search| scope.spawn(own(search))).collect();
+        searches.into_iter().map(|search| search.join().expect("no search panics")).collect()
     });
-    let mut found = found.into_inner().expect("no search panics");
-    // What was disturbed while it was timed seemed harder than it is.
-    found.worst.truncate(TIMED_AGAIN);
-    for tried in &mut found.worst {
-        if let Ok(again) = run(tried.seed)
-            && again.seconds < tried.seconds
-        {
-            *tried = again;
+    let mut all = Found { searched: 0, cycles: 0, worst: Vec::new() };
+    for Found { searched, cycles, worst } in parts {
+        all.searched += searched;
+        all.cycles += cycles;
+        for tried in worst {
+            if all.worst.iter().all(|kept| kept.seed != tried.seed) {
+                all.worst.push(tried);
+            }
         }
     }
-    found.worst.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
-    found.worst.truncate(FINALISTS);
-    found
+    all.worst.sort_by_key(|tried| std::cmp::Reverse(tried.hardest()));
+    all
 }
 
 impl Found {
-    fn enter(&mut self, tried: Tried) {
+    fn enter(&mut self, tried: Result<Tried, String>) {
+        let Ok(tried) = tried else { return };
+        self.searched += 1;
+        self.cycles += tried.cycles;
         if self.worst.iter().all(|kept| kept.seed != tried.seed) {
             self.worst.push(tried);
-            self.worst.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
+            self.worst.sort_by_key(|tried| std::cmp::Reverse(tried.hardest()));
             self.worst.truncate(KEPT);
         }
     }
@@ -171,9 +181,9 @@ mod tests {
     #[test]
     fn every_seed_is_a_legal_case_that_the_firmware_has_room_for() {
         for seed in seeds(40) {
-            let tried = run(seed).unwrap_or_else(|reason| panic!("seed {seed}: {reason}"));
-            assert!(tried.seconds > 0.0 && tried.hashes.len() == tried.cycle + 1);
-            let (recording, setup) = build(seed).unwrap();
+            let tried = run(seed, false).unwrap_or_else(|reason| panic!("seed {seed}: {reason}"));
+            assert!(tried.hardest() > 0 && tried.hashes.len() == tried.cycle + 1);
+            let (recording, setup) = build(seed, false).unwrap();
             assert!(feed(&setup, &recording, Path::new("case")).is_ok(), "seed {seed}");
             for cycle in &recording.cycles {
                 assert!(!cycle.ranges.is_empty() || !cycle.frames.is_empty());
@@ -183,10 +193,23 @@ mod tests {
     }
 
     #[test]
+    fn a_search_of_so_many_cycles_finds_the_same_again() {
+        let extent = Extent { cycles: 400, time: Duration::MAX, is_uncapped: false };
+        let seeds = || {
+            let found = search(7, &extent);
+            assert!(found.cycles >= 400);
+            found.worst.iter().map(|tried| (tried.seed, tried.hardest())).collect::<Vec<_>>()
+        };
+        let worst = seeds();
+        assert!(worst.is_sorted_by(|(_, a), (_, b)| a >= b));
+        assert_eq!(worst, seeds());
+    }
+
+    #[test]
     fn a_seed_recreates_its_case() {
         for seed in seeds(5) {
             let bytes = || {
-                let (recording, setup) = build(seed).unwrap();
+                let (recording, setup) = build(seed, false).unwrap();
                 feed(&setup, &recording, Path::new("case")).unwrap()
             };
             assert_eq!(bytes(), bytes(), "seed {seed}");
@@ -211,11 +234,12 @@ mod tests {
 
     #[test]
     fn the_worst_are_kept_and_each_once() {
-        let mut found = Found { searched: 0, worst: Vec::new() };
+        let mut found = Found { searched: 0, cycles: 0, worst: Vec::new() };
         for n in 0..3 * KEPT as u64 {
-            let tried = Tried { seed: n / 2, cycle: 0, seconds: (n / 2) as f64, hashes: Vec::new() };
-            found.enter(tried);
+            let work = vec![n as u32 / 2];
+            found.enter(Ok(Tried { seed: n / 2, cycle: 0, work, hashes: Vec::new(), cycles: 1 }));
         }
+        assert_eq!((found.searched, found.cycles), (3 * KEPT, 3 * KEPT as u64));
         let kept: Vec<u64> = found.worst.iter().map(|tried| tried.seed).collect();
         let last = 3 * KEPT as u64 / 2 - 1;
         assert_eq!(kept, (0..KEPT as u64).map(|n| last - n).collect::<Vec<_>>());

@@ -178,6 +178,12 @@ impl<const ANCHORS: usize, const CANDIDATES: usize> Discovery<ANCHORS, CANDIDATE
         self.candidates.get(anchor).map_or(0, |candidates| candidates.len())
     }
 
+    /// Number of places where they may be, of all of them.
+    pub fn hypotheses(&self, anchor: usize) -> usize {
+        let candidates = self.lists().get(anchor).into_iter().flatten();
+        candidates.fold(0, |sum, candidate| sum + candidate.hypotheses.len())
+    }
+
     /// Forgets all candidates.
     pub fn clear(&mut self) {
         self.candidates.iter_mut().for_each(Vec::clear);

@@ -6,12 +6,13 @@
 
 use super::factors::{Row, Rows, Stage, members};
 use super::{Belief, Beliefs};
+use crate::model::work::MESSAGE;
 use crate::real::{LnProduct, abs};
 
 /// Guard: against endless small changes: relative change of every message below which the iteration has converged.
 pub const TOLERANCE: f32 = 1e-3;
-/// Capacity: iterations, which bound the time.
-pub const ITERATIONS: usize = 60;
+/// Capacity: messages to measurements after which no more are exchanged, which bound the time.
+pub const MESSAGES: usize = 1_500;
 
 /// What is kept of a feature's messages beside nu, which stand where its marginals will be.
 #[derive(Clone, Copy, Debug)]
@@ -81,17 +82,20 @@ impl<const SOURCES: usize, const PATHS: usize> Loopy<'_, SOURCES, PATHS> {
     /// Exchanges messages between the features and the measurements within their gates until they stand still; notes the iterations
     /// used.
     fn exchange(&mut self) {
-        let mut iterations = 0;
-        while iterations < ITERATIONS {
-            iterations += 1;
+        let gated = self.features().fold(0, |sum, (row, ..)| sum + row.gated.count_ones() as usize);
+        let (mut iterations, mut sent) = (0, 0);
+        while sent < MESSAGES {
+            (iterations, sent) = (iterations + 1, sent + gated);
+            let mut sums = [1.0; PATHS];
             for (row, nu, messages) in self.features() {
-                row.send_to_measurements(&nu.associated, &mut messages.mu);
+                row.send_to_measurements(&nu.associated, messages, &mut sums);
             }
             if !self.send_to_features() {
                 break;
             }
         }
         self.beliefs.iterations = iterations;
+        self.beliefs.work.add(MESSAGE, sent);
     }
 
     /// Evidence of the loopy features, nats, by Bethe's approximation:
@@ -122,17 +126,6 @@ impl<const SOURCES: usize, const PATHS: usize> Loopy<'_, SOURCES, PATHS> {
 
     /// The messages nu from every measurement to every feature; true while any still moves.
     fn send_to_features(&mut self) -> bool {
-        let mut sums = [1.0; PATHS];
-        for (row, _, messages) in self.features() {
-            for m in members(row.gated) {
-                if let (Some(above), Some(sum), Some(mu)) =
-                    (messages.above.get_mut(m), sums.get_mut(m), messages.mu.get(m))
-                {
-                    *above = *sum;
-                    *sum += mu;
-                }
-            }
-        }
         let mut below = [0.0; PATHS];
         let mut moving = false;
         for (row, nu, messages) in self.features().rev() {
@@ -152,9 +145,15 @@ impl<const SOURCES: usize, const PATHS: usize> Loopy<'_, SOURCES, PATHS> {
 }
 
 impl<const PATHS: usize> Row<PATHS> {
-    /// The messages mu from this feature to every measurement.
+    /// The messages mu from this feature to every measurement; `sums` are those of the features before it, and then with it.
     #[inline(never)]
-    fn send_to_measurements(&self, nu: &[f32; PATHS], messages: &mut [f32; PATHS]) {
+    fn send_to_measurements(
+        &self,
+        nu: &[f32; PATHS],
+        messages: &mut Messages<PATHS>,
+        sums: &mut [f32; PATHS],
+    ) {
+        let Messages { mu: messages, above } = messages;
         let mut before = self.absent;
         for m in members(self.gated) {
             if let (Some(mu), Some(psi), Some(nu)) = (messages.get_mut(m), self.psi.get(m), nu.get(m)) {
@@ -164,9 +163,12 @@ impl<const PATHS: usize> Row<PATHS> {
         }
         let mut after = 0.0;
         for m in members(self.gated.reverse_bits()).map(|place| 31_usize.wrapping_sub(place)) {
-            if let (Some(mu), Some(psi), Some(nu)) = (messages.get_mut(m), self.psi.get(m), nu.get(m)) {
+            let terms = messages.get_mut(m).zip(self.psi.get(m)).zip(nu.get(m));
+            if let Some((((mu, psi), nu), (above, sum))) = terms.zip(above.get_mut(m).zip(sums.get_mut(m))) {
                 *mu = psi / (*mu + after);
                 after += psi * nu;
+                *above = *sum;
+                *sum += *mu;
             }
         }
     }

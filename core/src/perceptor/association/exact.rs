@@ -18,6 +18,7 @@
 
 use super::factors::{Rows, Stage, members};
 use super::{Beliefs, Joint};
+use crate::model::work::{STEP, TAKING, Work};
 use crate::real::{LnProduct, larger};
 use heapless::Vec;
 
@@ -109,6 +110,8 @@ pub(super) struct Trellis<const PATHS: usize> {
     layers: Layers,
     /// The one at hand.
     step: Step<PATHS>,
+    /// What was done so far.
+    work: Work,
 }
 
 impl<const PATHS: usize> Trellis<PATHS> {
@@ -120,10 +123,11 @@ impl<const PATHS: usize> Trellis<PATHS> {
             totals: [1.0; FEATURES],
             layers: Layers { values: [0.0; STATES], length: 1 },
             step: Step { feature: 0, absent: 1.0, takings: Vec::new(), open: 0, keep: 0 },
+            work: Work::NONE,
         }
     }
 
-    /// Writes the beliefs of the cluster of so many features `gathered` in `rows`, and multiplies the evidence by its own; false where it needs more
+    /// Writes the beliefs of the cluster of so many features `gathered` in `rows`, its best path where that is asked for, and multiplies the evidence by its own; false where it needs more
     /// than `limit` values or its probabilities leave the range of `f32`.
     #[inline(never)]
     pub(super) fn solve<const SOURCES: usize>(
@@ -133,6 +137,7 @@ impl<const PATHS: usize> Trellis<PATHS> {
         beliefs: &mut Beliefs<SOURCES, PATHS>,
         evidence: &mut LnProduct,
         limit: usize,
+        with_best: bool,
     ) -> bool {
         if !(self.line_up(rows, gathered) && self.seat(rows, limit)) {
             return false;
@@ -146,9 +151,16 @@ impl<const PATHS: usize> Trellis<PATHS> {
             return false;
         }
         *evidence = with_cluster;
-        self.backward(rows, true);
-        self.follow(rows, beliefs);
+        if with_best {
+            self.backward(rows, true);
+            self.follow(rows, beliefs);
+        }
         true
+    }
+
+    /// What all solutions so far have cost.
+    pub(super) fn work(&self) -> Work {
+        self.work
     }
 
     /// Lists the gathered features by expected range; false where they are too many.
@@ -229,8 +241,11 @@ impl<const PATHS: usize> Trellis<PATHS> {
             // Capacities are equal: every push succeeds.
             let _ = takings.push(Taking { measurement, psi, before, after });
         }
+        let takings_now = takings.len();
         (self.step.feature, self.step.absent) = (feature, row.absent);
         (self.step.open, self.step.keep) = (open, keep);
+        // Each contested measurement is free in half of the states.
+        self.work.add_each([STEP, TAKING], 1, ((2 + takings_now) << open.count_ones()) / 2);
         Some(())
     }
 

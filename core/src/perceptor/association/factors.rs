@@ -97,7 +97,7 @@ impl<const PATHS: usize> Row<PATHS> {
         measurements: &Vec<Measurement, PATHS>,
         background: &Background<PATHS>,
     ) {
-        for (factor, measurement) in self.psi.iter_mut().zip(measurements) {
+        for (factor, measurement) in self.psi.iter_mut().zip(measurements).filter(|(psi, _)| **psi > 0.0) {
             let clearly_shorter = measurement.range_m - 2.0 * sqrt(measurement.variance_m2);
             for (other, false_alarm) in measurements.iter().zip(background.false_alarms()) {
                 if other.range_m < clearly_shorter {

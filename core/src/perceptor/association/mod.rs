@@ -29,6 +29,7 @@ pub mod outcome;
 
 use super::expectation::Expectation;
 use crate::model::measurement::Measurement;
+use crate::model::work::{GATED, Work};
 use crate::real::{LnProduct, larger};
 use crate::snapshot::{Sink, Written, written};
 use background::Background;
@@ -82,7 +83,7 @@ impl AssociationSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Joint {
-    /// The cluster was too large to tell.
+    /// The cluster was too large to tell, or nobody asked, as in [`Mode::Soft`] nobody does.
     Unknown,
     /// No measurement.
     Missed,
@@ -120,6 +121,8 @@ pub struct Beliefs<const SOURCES: usize, const PATHS: usize> {
     pub evidence_nat: f32,
     /// Probability that the anchor is out: that all of it is clutter.
     pub outage: f32,
+    /// What the solutions of the clusters have cost.
+    pub work: Work,
 }
 
 impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
@@ -235,25 +238,27 @@ pub fn associate<const SOURCES: usize, const PATHS: usize>(
     background: &Background<PATHS>,
 ) -> Beliefs<SOURCES, PATHS> {
     let mut beliefs = Beliefs::none();
-    associate_within(direct, virtual_anchors, measurements, background, STATES, &mut beliefs);
+    associate_within(direct, virtual_anchors, measurements, background, STATES, Mode::Map, &mut beliefs);
     beliefs
 }
 
 /// As [`associate`], written where the beliefs stay; clusters that need more than `limit` values for an exact solution are not given
-/// one.
+/// one, and joint associations are told where the mode needs them.
 fn associate_within<const SOURCES: usize, const PATHS: usize>(
     direct: &Expectation,
     virtual_anchors: &Vec<Expectation, SOURCES>,
     measurements: &Vec<Measurement, PATHS>,
     background: &Background<PATHS>,
     limit: usize,
+    mode: Mode,
     beliefs: &mut Beliefs<SOURCES, PATHS>,
 ) {
     let count = measurements.len();
     let mut rows = Rows::empty();
     rows.fill(direct, virtual_anchors, measurements, background);
     beliefs.begin(virtual_anchors.len(), background.evidence_nat(count));
-    solve_clusters(&mut rows, beliefs, limit);
+    beliefs.work.add(GATED, rows.iter().fold(0, |sum, row| sum + row.gated.count_ones() as usize));
+    solve_clusters(&mut rows, beliefs, limit, mode);
     let mut loopy = [0.0; PATHS];
     if rows.iter().any(|row| row.stage == Stage::Loopy) {
         belief_propagation::propagate(&rows, beliefs, &mut loopy);
@@ -267,6 +272,7 @@ fn solve_clusters<const SOURCES: usize, const PATHS: usize>(
     rows: &mut Rows<SOURCES, PATHS>,
     beliefs: &mut Beliefs<SOURCES, PATHS>,
     limit: usize,
+    mode: Mode,
 ) {
     let mut trellis = Trellis::new();
     let mut evidence = LnProduct::ONE;
@@ -280,10 +286,11 @@ fn solve_clusters<const SOURCES: usize, const PATHS: usize>(
         if gathered == 0 {
             break;
         }
-        let solved = trellis.solve(rows, gathered, beliefs, &mut evidence, limit);
+        let solved = trellis.solve(rows, gathered, beliefs, &mut evidence, limit, mode == Mode::Map);
         rows.settle_cluster(if solved { Stage::Exact } else { Stage::Loopy });
     }
     beliefs.evidence_nat += evidence.ln();
+    beliefs.work.add_all(trellis.work());
 }
 
 impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
@@ -298,6 +305,7 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
             iterations: 0,
             evidence_nat: 0.0,
             outage: 0.0,
+            work: Work::NONE,
         }
     }
 
@@ -313,6 +321,7 @@ impl<const SOURCES: usize, const PATHS: usize> Beliefs<SOURCES, PATHS> {
         self.iterations = 0;
         self.evidence_nat = evidence_nat;
         self.outage = 0.0;
+        self.work = Work::NONE;
     }
 
     /// Fills in what the solutions leave: existence, and what is unassociated; `loopy` are the sums of the messages to every
@@ -583,7 +592,7 @@ mod tests {
             let others: Vec<Expectation, K> = others.iter().copied().collect();
             let background = uniform_background(direct, &measurements, density as f32);
             let mut beliefs = Beliefs::none();
-            associate_within(direct, &others, &measurements, &background, limit, &mut beliefs);
+            associate_within(direct, &others, &measurements, &background, limit, Mode::Map, &mut beliefs);
             let truth = Enumeration::new(
                 &features,
                 &measurements,

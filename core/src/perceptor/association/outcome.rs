@@ -91,6 +91,11 @@ impl<'a, const ANCHORS: usize, const SOURCES: usize, const PATHS: usize>
         }
     }
 
+    /// How many sources all of them are about.
+    pub fn sources(&self) -> usize {
+        self.scans.len() + self.images.len()
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.scans.is_empty()
@@ -233,7 +238,7 @@ pub fn associate_scan<const SOURCES: usize, const PATHS: usize>(
 ) {
     let AssociatedScan { scan, expected: Expectations { direct_path, expectations, .. }, beliefs } = outcome;
     let background = Background::new(&scan.measurements, direct_path, clutter, claims);
-    associate_within(direct_path, expectations, &scan.measurements, &background, STATES, beliefs);
+    associate_within(direct_path, expectations, &scan.measurements, &background, STATES, mode, beliefs);
     if mode == Mode::Map {
         beliefs.harden();
     }
@@ -251,6 +256,9 @@ fn innovation<const PATHS: usize>(
     let mut moments = Moments::default();
     let (mut variance, mut alike) = (0.0, 0.0);
     for (measurement, &p) in scan.measurements.iter().zip(&belief.associated) {
+        if p == 0.0 {
+            continue; // Beyond the gate: it moves nothing.
+        }
         let nu = measurement.range_m - regression.range_m;
         moments.weight += p;
         if let Some(timing) = expected.timing(measurement) {

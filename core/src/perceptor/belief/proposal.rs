@@ -13,6 +13,7 @@
 use super::PLACE_M;
 use crate::model::lateness::Lateness;
 use crate::model::measurement::{Clutter, Measurement};
+use crate::model::work::{BACKGROUND, PLACE, Work};
 use crate::perceptor::association::background::Background;
 use crate::perceptor::expectation::Expectation;
 use crate::real::{LnProduct, TAU, cos, larger, ln, sin, smaller, sqrt};
@@ -106,13 +107,14 @@ pub(super) fn turn(cycle: u32) -> [f32; 2] {
 
 /// The places that the sweeps propose, at most [`PROPOSED`], the best; `landmarks` gives those of a sweep, the direct path first,
 /// `inside` the probability that a place, known within a deviation (metres), may be one of a tag. Proposed is by one sweep, the first with
-/// a strong range from this share of them on; where arcs begin is a share of an arc.
+/// a strong range from this share of them on; where arcs begin is a share of an arc. What is done is added to the `work`.
 #[inline(never)]
 pub fn propose<'a, const PATHS: usize, L: Iterator<Item = Landmark>>(
     sweeps: &[Sweep<'a, PATHS>],
     landmarks: impl Fn(usize) -> L,
     inside: impl Fn([f32; 2], f32) -> f32,
     [phase, turn]: [f32; 2],
+    work: &mut Work,
 ) -> Vec<Proposal, PROPOSED> {
     let mut best: Vec<Proposal, PROPOSED> = Vec::new();
     let first = (turn * sweeps.len() as f32) as usize;
@@ -148,7 +150,7 @@ pub fn propose<'a, const PATHS: usize, L: Iterator<Item = Landmark>>(
                 let across_m = larger(ACROSS * (TAU * radius / ARCS as f32), LEAST_ACROSS_M);
                 let mut evidence_nat = ln(larger(inside(position_m, across_m), LEAST_INSIDE));
                 for (other, sweep) in sweeps.iter().enumerate() {
-                    evidence_nat += weigh(position_m, across_m * across_m, sweep, landmarks(other));
+                    evidence_nat += weigh(position_m, across_m * across_m, sweep, landmarks(other), work);
                 }
                 let variance_m2 = [PLACE_M * PLACE_M, across_m * across_m];
                 keep(&mut best, Proposal { position_m, radial, variance_m2, evidence_nat });
@@ -180,13 +182,17 @@ fn weigh<const PATHS: usize>(
     place_m2: f32,
     sweep: &Sweep<'_, PATHS>,
     landmarks: impl Iterator<Item = Landmark>,
+    work: &mut Work,
 ) -> f32 {
     let (bias_m, bias_m2) = sweep.bias;
     let mut background: Option<(Background<PATHS>, f32)> = None;
     let mut nu = [1.0; PATHS];
+    let mut terms = [0.0; PATHS];
     let mut of_background_nat = 0.0;
     let mut evidence = LnProduct::ONE;
+    let (mut sources, mut within) = (0, 0);
     for landmark in landmarks {
+        sources += 1;
         let Landmark { position_m: [lx, ly], covariance_m2: [xx, yx, yy], detection } = landmark;
         let (dx, dy) = (x - lx, y - ly);
         let distance2 = dx * dx + dy * dy + sweep.height_m * sweep.height_m;
@@ -206,28 +212,36 @@ fn weigh<const PATHS: usize>(
         }
         let variance = variance_m2 + sweep.least_m2;
         let reach_m2 = REACH2 * variance;
-        let most_per_m = detection / (AREA * sqrt(variance));
-        let mut terms = [0.0; PATHS];
+        let mut most_per_m = None;
         let mut sum = 0.0;
-        let densities = sweep.measurements.iter().zip(background.per_m());
-        for ((measurement, per_m), (term, nu)) in densities.zip(terms.iter_mut().zip(&nu)) {
+        let densities = sweep.measurements.iter().zip(background.per_m()).zip(terms.iter_mut().zip(&nu));
+        for ((measurement, per_m), (term, nu)) in densities {
             let innovation = measurement.range_m - range_m;
             let squared = innovation * innovation;
+            *term = 0.0;
             if squared < reach_m2 {
+                let most_per_m = *most_per_m.get_or_insert_with(|| detection / (AREA * sqrt(variance)));
                 let shape = 1.0 - squared / reach_m2;
                 let shape2 = shape * shape;
                 *term = most_per_m * nu * (shape2 * shape2 * shape2) / per_m;
                 sum += *term;
+                within += 1;
             }
         }
         let own = 1.0 - detection + sum;
         evidence.times(own);
         if sum > LEAST_EVIDENCE * own {
             for (nu, term) in nu.iter_mut().zip(&terms) {
-                *nu *= larger(1.0 - term / own, 0.0);
+                if *term > 0.0 {
+                    *nu *= larger(1.0 - term / own, 0.0);
+                }
             }
         }
     }
+    let [source, beside] = PLACE;
+    work.add(source, sources);
+    work.add(beside, within);
+    work.add(BACKGROUND, sweep.measurements.len() * sweep.measurements.len());
     of_background_nat + evidence.ln()
 }
 
@@ -302,7 +316,7 @@ mod tests {
             let place_m =
                 [(-3.0 + 14.0 * uniform(&mut state)) as f32, (-5.0 + 10.5 * uniform(&mut state)) as f32];
             let scans = scans(place_m, &mut state);
-            let places = propose(&sweeps(&scans), landmarks, |_, _| 1.0, turn(cycle));
+            let places = propose(&sweeps(&scans), landmarks, |_, _| 1.0, turn(cycle), &mut Work::default());
             found += usize::from(places.iter().any(|place| covers(place, place_m)));
             let best = places.iter().max_by(|a, b| a.evidence_nat.total_cmp(&b.evidence_nat)).unwrap();
             first += usize::from(covers(best, place_m));
@@ -321,7 +335,7 @@ mod tests {
                 weighed.set(weighed.get() + 1);
                 1.0
             };
-            let places = propose(&sweeps(scans), landmarks, inside, [0.3, share]);
+            let places = propose(&sweeps(scans), landmarks, inside, [0.3, share], &mut Work::default());
             (weighed.get(), places.len())
         };
         let usual = scans([3.0, 2.0], &mut state);
@@ -351,7 +365,7 @@ mod tests {
             one.push(measurement(range_m, 1e-4)).unwrap();
         }
         let sweep = Sweep::new(&one, 1.0, (0.2, 0.0), CLUTTER);
-        let places = propose(&[sweep], |_| landmarks(1), |_, _| 1.0, [0.7, 0.0]);
+        let places = propose(&[sweep], |_| landmarks(1), |_, _| 1.0, [0.7, 0.0], &mut Work::default());
         assert_eq!(places.len(), PROPOSED);
         for place in &places {
             let radius = distance(place.position_m, ANCHORS[1]);
@@ -366,7 +380,7 @@ mod tests {
         }
         // A range that is shorter than the anchor is high proposes nothing.
         let low = Sweep { height_m: 5.0, ..sweep };
-        assert!(propose(&[low], |_| landmarks(1), |_, _| 1.0, [0.7, 0.0]).is_empty());
+        assert!(propose(&[low], |_| landmarks(1), |_, _| 1.0, [0.7, 0.0], &mut Work::default()).is_empty());
     }
 
     /// L of the module's description, in f64.
@@ -446,6 +460,7 @@ mod tests {
                 landmarks,
                 |_, _| 0.25,
                 [0.0; 2].map(|_| uniform(&mut state) as f32),
+                &mut Work::default(),
             ) {
                 let exact = evidence(place, &scans) + 0.25_f64.ln();
                 worst = worst.max((f64::from(place.evidence_nat) - exact).abs());

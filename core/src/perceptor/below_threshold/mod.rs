@@ -148,6 +148,11 @@ impl<const POINTS: usize, const SOURCES: usize> Looks<'_, POINTS, SOURCES> {
         })
     }
 
+    /// How many sources were looked for.
+    pub fn count(&self) -> usize {
+        self.looked.len()
+    }
+
     /// Notes in the beliefs what is left of the frame, and returns ln of how much more probable that is than without paths.
     pub fn note<const PATHS: usize>(self, beliefs: &mut Beliefs<SOURCES, PATHS>) -> f32 {
         let (of_direct, rests) = self.rests;

@@ -64,14 +64,18 @@ impl Likelihoods {
     /// T_s(z) / P_s of every class.
     pub fn of(&self, energy: u8) -> [f32; CLASSES] {
         let mut ratios = self.scales;
-        // Two digits: both are there.
-        let (high, low) = (usize::from(energy) / DIGITS, usize::from(energy) % DIGITS);
-        if let (Some(high), Some(low)) = (self.high.get(high), self.low.get(low)) {
+        if let Some((high, low)) = self.digits(energy) {
             for ((ratio, high), low) in ratios.iter_mut().zip(high).zip(low) {
                 *ratio *= high * low;
             }
         }
         ratios
+    }
+
+    /// exp(z s / (1 + s)) of both digits of z: both are there.
+    fn digits(&self, energy: u8) -> Option<(&[f32; CLASSES], &[f32; CLASSES])> {
+        let (high, low) = (usize::from(energy) / DIGITS, usize::from(energy) % DIGITS);
+        Some((self.high.get(high)?, self.low.get(low)?))
     }
 }
 
@@ -107,9 +111,14 @@ impl Strength {
     /// How much more probable an energy is where a path of this strength was not found than where there is `background`: on average
     /// over energies below the threshold, distributed as in the background, 1.
     pub fn ratio(&self, energy: u8, likelihoods: &Likelihoods, background: &Background) -> f32 {
+        let Some((high, low)) = likelihoods.digits(energy) else { return 1.0 };
         let (mut path, mut rest) = (0.0, background.noise);
-        let classes = likelihoods.of(energy);
-        for (ratio, (weight, share)) in classes.iter().zip(self.weights.iter().zip(&background.paths)) {
+        let shares = self.weights.iter().zip(&background.paths);
+        for (((weight, share), scale), (high, low)) in
+            shares.zip(&likelihoods.scales).zip(high.iter().zip(low))
+        {
+            // Of T_s(z) / P_s, as in [`Likelihoods::of`].
+            let ratio = scale * (high * low);
             path += weight * ratio;
             rest += share * ratio;
         }

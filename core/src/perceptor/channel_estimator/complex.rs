@@ -21,7 +21,7 @@ use super::gram::Symmetric;
 use super::noise::{
     COMPLEX_CUT, Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, NoiseLevel, level_floor, white_level,
 };
-use super::work::{LEVEL, MOVE, SEARCH, Work};
+use super::work::{FrameWork, LEVEL, MOVE, SEARCH};
 use super::{ChannelEstimate, ChannelEstimator, LEAST_SINR, Path, SPARE_ROUNDS};
 use crate::model::observation::Complex;
 use crate::real::{abs, larger, smaller};
@@ -73,7 +73,7 @@ struct Fit<'a, const PATHS: usize> {
     /// kappa in this frame.
     threshold: f32,
     /// Done so far.
-    work: Work,
+    work: FrameWork,
 }
 
 impl<const PATHS: usize> ChannelEstimator<PATHS> {
@@ -100,7 +100,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             floor: level_floor(strongest),
             posterior: Symmetric::zero(),
             threshold: self.threshold,
-            work: Work::of(samples.len(), most_work),
+            work: FrameWork::of(samples.len(), most_work),
         };
         if let Some(sample) = begins {
             fit.begin(sample);
@@ -223,11 +223,13 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                         powers.add(power(sample), cut);
                     }
                 } else {
-                    for (n, sample) in (n..).zip(run) {
+                    // Counted in floats, exact for any frame.
+                    let mut place = n as f32;
+                    for sample in run {
                         let [mut re, mut im] = *sample;
                         let mut near_strong = false;
                         for component in active {
-                            let lag = n as f32 - component.position;
+                            let lag = place - component.position;
                             near_strong |= component.gain > STRONG_SINR && abs(lag) < skip;
                             let r = table.at(lag);
                             let [a_re, a_im] = component.amplitude;
@@ -237,6 +239,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
                         if !near_strong {
                             powers.add(re * re + im * im, cut);
                         }
+                        place += 1.0;
                     }
                 }
                 n = until.min(to);
@@ -499,7 +502,7 @@ impl<const PATHS: usize> Fit<'_, PATHS> {
             }
             self.posterior.clear_left_of_block(from, to);
             self.posterior.invert_block(from, to);
-            self.work.add_inverse(to - from);
+            self.work.add_solution(to - from);
             from = to;
         }
     }

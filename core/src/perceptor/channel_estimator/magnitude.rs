@@ -20,7 +20,7 @@ use super::beginning::{Beginning, Tail};
 use super::noise::{
     Cell, CellPowers, CutPowers, LevelSteps, LevelWalk, MAGNITUDE_CUT, NoiseLevel, level_floor, white_level,
 };
-use super::work::{FIT, LEVEL, MAXIMUM, Work};
+use super::work::{FIT, FrameWork, LEVEL, MAXIMUM};
 use super::{ChannelEstimate, ChannelEstimator, Path, SPARE_ROUNDS};
 use crate::radio::pulse::PulseTable;
 use crate::real::{abs, larger, limited, sqrt};
@@ -71,7 +71,7 @@ struct Search<'a, const PATHS: usize> {
     /// Powers of the samples as they are.
     cells: CellPowers,
     /// Done so far.
-    work: Work,
+    work: FrameWork,
     triple: Triple,
     /// kappa in this frame.
     threshold: f32,
@@ -98,7 +98,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
             peaks: Vec::new(),
             noise: &mut estimate.noise,
             cells: CellPowers::new(&steps, powers),
-            work: Work::of(samples.len(), most_work),
+            work: FrameWork::of(samples.len(), most_work),
             triple: Triple::new(&self.table),
             threshold: self.magnitude_threshold,
         };
@@ -158,14 +158,17 @@ impl<const PATHS: usize> Search<'_, PATHS> {
                 return CutPowers::whole(sum, to - from);
             }
             let mut powers = CutPowers::default();
-            for (n, sample) in (from..).zip(samples.get(from..to).unwrap_or(&[])) {
+            // Counted in floats, exact for any frame.
+            let mut place = from as f32;
+            for sample in samples.get(from..to).unwrap_or(&[]) {
                 let explained = reaching.iter().any(|peak| {
-                    let share = peak.amplitude * estimator.table.at(n as f32 - peak.position);
+                    let share = peak.amplitude * estimator.table.at(place - peak.position);
                     share * share > EXPLAINED * peak.level
                 });
                 if !explained {
                     powers.add(sample * sample, cut);
                 }
+                place += 1.0;
             }
             powers
         });
@@ -187,12 +190,17 @@ impl<const PATHS: usize> Search<'_, PATHS> {
         let midway = self.estimator.table.at(0.5);
         let mut floor = SCALLOPING * (midway * midway) * self.threshold;
         let mut best: Option<Peak> = None;
+        let own_samples = OWN_PULSES * self.estimator.table.samples_per_pulse();
         for (n, window) in (1..).zip(self.samples.windows(3)) {
+            let &[before, here, after] = window else { continue };
+            if here < before || here <= after {
+                continue;
+            }
             if self.work.is_used_up() {
                 break;
             }
-            let &[before, here, after] = window else { continue };
-            if here < before || here <= after || self.peaks.iter().any(|peak| self.is_near(peak, n as f32)) {
+            // A path's own.
+            if self.peaks.iter().any(|peak| abs(n as f32 - peak.position) < own_samples) {
                 continue;
             }
             self.work.add(MAXIMUM, self.peaks.len());
@@ -213,11 +221,6 @@ impl<const PATHS: usize> Search<'_, PATHS> {
             }
         }
         best.is_some_and(|peak| self.peaks.push(peak).is_ok())
-    }
-
-    /// Whether a maximum at a position is a path's own.
-    fn is_near(&self, peak: &Peak, position: f32) -> bool {
-        abs(position - peak.position) < OWN_PULSES * self.estimator.table.samples_per_pulse()
     }
 
     /// What is left of a magnitude when all paths but `own` are taken off it, whatever their phases.
@@ -298,6 +301,7 @@ impl<const PATHS: usize> Search<'_, PATHS> {
                 let coherence = alignment(2.0 * (magnitude / level) * (amplitude * *shape));
                 *misfit = magnitude * coherence / amplitude - *shape;
             }
+            let [shape, slope, misfit] = [shape, slope, misfit].map(Triple::parts);
             let shape_shape = self.triple.inner(&shape, &shape);
             let shape_slope = self.triple.inner(&shape, &slope);
             let slope_slope = self.triple.inner(&slope, &slope);
@@ -386,12 +390,13 @@ impl Triple {
         }
     }
 
-    /// u' C^-1 v.
-    fn inner(&self, u: &[f32; 3], v: &[f32; 3]) -> f32 {
-        let [u_before, u_here, u_after] = *u;
-        let [v_before, v_here, v_after] = *v;
-        let (u_odd, v_odd) = (0.5 * (u_after - u_before), 0.5 * (v_after - v_before));
-        let (u_even, v_even) = (0.5 * (u_after + u_before), 0.5 * (v_after + v_before));
+    /// Half the difference of the outer two, the middle, and half their sum.
+    fn parts([before, here, after]: [f32; 3]) -> [f32; 3] {
+        [0.5 * (after - before), here, 0.5 * (after + before)]
+    }
+
+    /// u' C^-1 v of the parts of u and v.
+    fn inner(&self, [u_odd, u_here, u_even]: &[f32; 3], [v_odd, v_here, v_even]: &[f32; 3]) -> f32 {
         self.odd * (u_odd * v_odd)
             + self.middle * (u_here * v_here)
             + self.mixed * (u_here * v_even + u_even * v_here)
@@ -449,7 +454,7 @@ mod tests {
             }
             let v = [0.7_f32, 0.4, 0.9];
             let expected: f64 = (0..3).map(|i| f64::from(v[i]) * rows[i][3] / rows[i][i]).sum();
-            let error = f64::from(triple.inner(&u, &v)) / expected - 1.0;
+            let error = f64::from(triple.inner(&Triple::parts(u), &Triple::parts(v))) / expected - 1.0;
             assert!(error.abs() < 0.02, "roll-off {roll_off}: {error}");
         }
     }

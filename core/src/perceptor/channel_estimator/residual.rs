@@ -126,8 +126,18 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
         let cut = cut_of(&samples);
         let mut window = [[0.0; 2]; WINDOW];
         self.rest(samples, &taken, 0, window.get_mut(BEFORE..TAPS - 1).unwrap_or(&mut []));
+        let support = self.table.support_samples();
         let mut from = 0;
         while residual.energies.len() < wanted {
+            // The paths whose pulses reach these samples: of the others there is nothing here.
+            let mut reaching: Vec<Taken, PATHS> = Vec::new();
+            for path in &taken {
+                let past = path.0 - from as f32;
+                if past > -support && past < CHUNK as f32 + support {
+                    // As many as paths at most: the push succeeds.
+                    let _ = reaching.push(*path);
+                }
+            }
             self.rest(samples, &taken, from + TAPS / 2, window.get_mut(TAPS - 1..).unwrap_or(&mut []));
             for (n, taps) in (from..).zip(window.windows(TAPS)) {
                 let next = levels.next();
@@ -139,7 +149,7 @@ impl<const PATHS: usize> ChannelEstimator<PATHS> {
                         Samples::Magnitude(_) => {
                             let [magnitude, _] = weighted(taps, kernel, k, points);
                             let magnitude = larger(magnitude, 0.0);
-                            magnitude * magnitude / (noise + self.taken_energy(&taken, n as f32 + past))
+                            magnitude * magnitude / (noise + self.taken_energy(&reaching, n as f32 + past))
                         }
                     };
                     if residual.energies.len() < wanted {

@@ -5,35 +5,36 @@
 //! the paths found so far are the estimate. What every frame of as many samples costs, whatever is in it, comes before and is not limited.
 
 /// Capacity: work on the paths of a frame after which nothing more is begun, where nothing else is told.
-pub const MOST_WORK: u32 = 1_600_000;
-/// Mathematics: cost of a sample in what is done once in every frame: white noise, its beginning, the rest that paths leave.
-pub const FRAME: u32 = 400;
+pub const MOST_WORK: u32 = 1_350_000;
+/// Mathematics: cost of what is done once in every frame, and of each of its samples there.
+pub const FRAME: [u32; 2] = [160_000, 75];
 /// Mathematics: cost of a sample in a pass of the level's fit, and what each path that reaches it adds.
-pub const LEVEL: [u32; 2] = [40, 25];
-/// Mathematics: the same in the search for a path.
-pub const SEARCH: [u32; 2] = [20, 120];
+pub const LEVEL: [u32; 2] = [33, 68];
+/// Mathematics: the same in the search for a path. Most samples are passed over.
+pub const SEARCH: [u32; 2] = [2, 260];
 /// Mathematics: cost of moving a delay once, and of each path taken off there.
-pub const MOVE: [u32; 2] = [2000, 180];
-/// Mathematics: cost of inverting, over the third power of the size.
-pub const INVERSE: u32 = 20;
+pub const MOVE: [u32; 2] = [1300, 200];
+/// Mathematics: cost of solving for the paths of a cluster: of each, and over the third power of how many they are.
+pub const SOLVE: [u32; 2] = [430, 8];
 /// Mathematics: cost of looking at a maximum of magnitudes, and of each path beside it.
-pub const MAXIMUM: [u32; 2] = [130, 20];
+pub const MAXIMUM: [u32; 2] = [80, 21];
 /// Mathematics: cost of fitting one path to magnitudes, and of each path beside it.
-pub const FIT: [u32; 2] = [5200, 250];
+pub const FIT: [u32; 2] = [5100, 105];
 
 /// Work on a frame so far.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Work {
+pub(super) struct FrameWork {
     done: u32,
     /// Where nothing more is begun: what comes with every frame, and what its search may cost.
     most: u32,
     cut_short: bool,
 }
 
-impl Work {
+impl FrameWork {
     /// On a frame of so many samples, whose search may cost so much.
     pub fn of(samples: usize, most: u32) -> Self {
-        Self { done: FRAME * samples as u32, most, cut_short: false }
+        let [frame, sample] = FRAME;
+        Self { done: frame + sample * samples as u32, most, cut_short: false }
     }
 
     /// Its cost.
@@ -69,9 +70,11 @@ impl Work {
         self.done = self.done.saturating_add(sample * samples as u32 + each * reached as u32);
     }
 
-    /// Counts the inversion of a matrix of so many rows.
-    pub fn add_inverse(&mut self, rows: usize) {
-        self.done = self.done.saturating_add(INVERSE * (rows * rows * rows) as u32);
+    /// Counts the solution for a cluster of so many paths.
+    pub fn add_solution(&mut self, paths: usize) {
+        let [each, cube] = SOLVE;
+        let paths = paths as u32;
+        self.done = self.done.saturating_add(each * paths + cube * (paths * paths * paths));
     }
 }
 
@@ -120,7 +123,7 @@ mod tests {
                     let estimate = estimator.estimate(samples, 0.0).unwrap();
                     assert!(crowded || !estimate.cut_short, "{} of a plain frame", estimate.work);
                     // One pass of moves, the agreement after it, and the level once more.
-                    let fixed = 1024 * (FRAME + 8 * LEVEL[0]);
+                    let fixed = FRAME[0] + 1024 * (FRAME[1] + 8 * LEVEL[0]);
                     assert!(estimate.work < fixed + MOST_WORK + MOST_WORK / 2, "{}", estimate.work);
                     *cut += u32::from(estimate.cut_short);
                 }

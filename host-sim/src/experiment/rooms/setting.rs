@@ -20,8 +20,8 @@ enum Name {
     Outages,
     Returns,
     Comparisons,
-    /// Work on a frame.
-    FrameWork,
+    /// Work for each anchor heard.
+    AnchorWork,
     /// Comparisons with one scan: how many components are carried where every anchor is heard.
     Components,
     WallsBarWays,
@@ -37,7 +37,7 @@ impl Name {
         Self::Outages,
         Self::Returns,
         Self::Comparisons,
-        Self::FrameWork,
+        Self::AnchorWork,
         Self::Components,
         Self::WallsBarWays,
         Self::WallsHidePaths,
@@ -52,7 +52,7 @@ impl Name {
             Self::Outages => "outages_per_s",
             Self::Returns => "returns_per_s",
             Self::Comparisons => "comparisons",
-            Self::FrameWork => "frame_work",
+            Self::AnchorWork => "anchor_work",
             Self::Components => "components",
             Self::WallsBarWays => "walls_bar_ways",
             Self::WallsHidePaths => "walls_hide_paths",
@@ -74,7 +74,7 @@ impl BeliefSetting {
             Name::Returns => settings.returns_per_s = value,
             // A cast that saturates.
             Name::Comparisons => work.comparisons = value as u16,
-            Name::FrameWork => work.frame = value as u32,
+            Name::AnchorWork => work.anchor = value as u32,
             Name::Components => work.comparisons = (value * anchors as f32) as u16,
             Name::WallsBarWays => settings.walls_bar_ways = value != 0.0,
             Name::WallsHidePaths => settings.walls_hide_paths = value != 0.0,

@@ -32,7 +32,7 @@ use super::real::{Real, abs, exp, larger, limited, ln_product, sqrt, square, tau
 use cogmint_core::model::detection::{LEAST_FALSE_ALARM, LOGISTIC};
 pub use cogmint_core::perceptor::association::Joint;
 use cogmint_core::perceptor::association::background::LARGEST_EXPONENT;
-use cogmint_core::perceptor::association::belief_propagation::{ITERATIONS, TOLERANCE};
+use cogmint_core::perceptor::association::belief_propagation::{MESSAGES, TOLERANCE};
 use cogmint_core::perceptor::association::factors::{GATE, LEAST_ABSENT};
 
 /// One path or range.
@@ -208,7 +208,8 @@ pub fn associate<T: Real>(
     let mut mu = super::zeros::<T>(rows, columns);
     let mut nu = vec![vec![T::ONE; columns]; rows];
     let mut iterations = 0;
-    while iterations < ITERATIONS && !loopy.is_empty() {
+    let gated: usize = loopy.iter().map(|&k| psi[k].iter().filter(|psi| **psi > T::ZERO).count()).sum();
+    while iterations * gated < MESSAGES && !loopy.is_empty() {
         iterations += 1;
         for &k in &loopy {
             for m in 0..columns {

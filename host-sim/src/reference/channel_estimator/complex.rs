@@ -15,7 +15,7 @@
 use super::beginning::{beginning, farther, tail};
 use super::linear_algebra::inverse;
 use super::noise::{NoiseLevel, level_floor, white_level};
-use super::{ChannelEstimator, Path, parabola_vertex, power};
+use super::{ChannelEstimator, Cost, Path, parabola_vertex, power};
 use crate::reference::real::{Real, abs, larger, smaller, sqrt, square};
 use crate::reference::{Matrix, zeros};
 use cogmint_core::perceptor::channel_estimator::complex::{
@@ -23,7 +23,7 @@ use cogmint_core::perceptor::channel_estimator::complex::{
     SKIP_PULSES, SMALLEST_S, STILL_SAMPLES, STRONG_SINR,
 };
 use cogmint_core::perceptor::channel_estimator::noise::COMPLEX_CUT;
-use cogmint_core::perceptor::channel_estimator::work::{FRAME, INVERSE, LEVEL, MOVE, SEARCH};
+use cogmint_core::perceptor::channel_estimator::work::{FRAME, LEVEL, MOVE, SEARCH, SOLVE};
 use cogmint_core::perceptor::channel_estimator::{LEAST_SINR, SPARE_ROUNDS};
 
 /// A path in the making.
@@ -69,7 +69,7 @@ pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[[T; 2]],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>, T, bool) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T, Cost) {
     let powers: Vec<T> = samples.iter().map(|sample| power(*sample)).collect();
     let white = white_level(&powers);
     let begins = beginning(estimator, &powers, estimator.fitted_threshold * white);
@@ -78,7 +78,7 @@ pub(super) fn estimate<T: Real>(
     let floor = level_floor(powers.iter().fold(T::ZERO, |most, p| larger(most, *p)));
     let threshold = estimator.fitted_threshold;
     let (components, posterior) = (Vec::new(), Vec::new());
-    let work = FRAME * samples.len() as u32;
+    let work = FRAME[0] + FRAME[1] * samples.len() as u32;
     let mut fit = Fit {
         estimator,
         samples,
@@ -428,7 +428,7 @@ impl<T: Real> Fit<'_, T> {
         // Components in a row that reach each other are inverted together.
         let support = self.estimator.table.support_samples();
         for row in self.components.chunk_by(|a, b| b.position - a.position < support) {
-            self.work += INVERSE * row.len().pow(3) as u32;
+            self.work += SOLVE[0] * row.len() as u32 + SOLVE[1] * row.len().pow(3) as u32;
         }
         self.posterior = inverse(&self.gram(|component| T::ONE / component.prior));
         for k in 0..self.components.len() {
@@ -483,7 +483,7 @@ impl<T: Real> Fit<'_, T> {
     }
 
     /// The paths, with amplitudes by least squares (no prior).
-    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>, T, bool) {
+    fn finish(self, first_sample_delay_s: T) -> (Vec<Path<T>>, NoiseLevel<T>, T, Cost) {
         let inverse = inverse(&self.gram(|_| T::of(RIDGE)));
         let mut paths = Vec::new();
         for k in 0..self.components.len() {
@@ -499,6 +499,6 @@ impl<T: Real> Fit<'_, T> {
             let sinr = larger(component.gain - T::ONE, T::of(LEAST_SINR));
             paths.push(self.estimator.path(component.position, first_sample_delay_s, amplitude, sinr));
         }
-        (paths, self.noise, self.threshold, self.cut_short)
+        (paths, self.noise, self.threshold, Cost { work: self.work, cut_short: self.cut_short })
     }
 }

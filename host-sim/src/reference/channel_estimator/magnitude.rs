@@ -9,7 +9,7 @@
 
 use super::beginning::{beginning, farther, tail};
 use super::noise::{NoiseLevel, level_floor, white_level};
-use super::{ChannelEstimator, Path};
+use super::{ChannelEstimator, Cost, Path};
 use crate::reference::pulse::PulseTable;
 use crate::reference::real::{Real, abs, larger, limited, sqrt, square};
 use cogmint_core::perceptor::channel_estimator::SPARE_ROUNDS;
@@ -53,7 +53,7 @@ pub(super) fn estimate<T: Real>(
     estimator: &ChannelEstimator<T>,
     samples: &[T],
     first_sample_delay_s: T,
-) -> (Vec<Path<T>>, NoiseLevel<T>, T, bool) {
+) -> (Vec<Path<T>>, NoiseLevel<T>, T, Cost) {
     let num = T::of;
     let powers: Vec<T> = samples.iter().map(|sample| square(*sample)).collect();
     let mut strongest = T::ZERO;
@@ -70,7 +70,8 @@ pub(super) fn estimate<T: Real>(
     if let Some([n, _]) = start {
         peaks.extend(fit(estimator, samples, &noise, &peaks, None, n));
     }
-    let mut work = Work { done: FRAME * samples.len() as u32, most: u32::MAX, cut_short: false };
+    let mut work =
+        Work { done: FRAME[0] + FRAME[1] * samples.len() as u32, most: u32::MAX, cut_short: false };
     let level_cost = |peaks: &[Peak<T>]| {
         let reached = peaks.len() * estimator.pulse_samples().min(samples.len());
         LEVEL[0] * samples.len() as u32 + LEVEL[1] * reached as u32
@@ -115,7 +116,7 @@ pub(super) fn estimate<T: Real>(
         let sinr = square(peak.amplitude) / level - num(0.5);
         estimator.path(peak.position, first_sample_delay_s, [peak.amplitude, T::ZERO], sinr)
     });
-    (paths.collect(), noise, kappa, work.cut_short)
+    (paths.collect(), noise, kappa, Cost { work: work.done, cut_short: work.cut_short })
 }
 
 /// The powers that tell the level: those in which no path has much energy.
@@ -146,14 +147,16 @@ fn strongest_peak<T: Real>(
     let mut floor = share * kappa;
     let mut best: Option<Peak<T>> = None;
     for n in 1..samples.len() - 1 {
+        let at = T::of_count(n);
+        if samples[n] < samples[n - 1] || samples[n] <= samples[n + 1] {
+            continue;
+        }
         if work.is_used_up() {
             break;
         }
-        let at = T::of_count(n);
-        let is_maximum = !(samples[n] < samples[n - 1] || samples[n] <= samples[n + 1]);
         let own_samples = num(OWN_PULSES) * estimator.table.samples_per_pulse();
         let near = |peak: &Peak<T>| abs(at - peak.position) < own_samples;
-        if !is_maximum || peaks.iter().any(near) {
+        if peaks.iter().any(near) {
             continue;
         }
         work.done += beside(MAXIMUM);

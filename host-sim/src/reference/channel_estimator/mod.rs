@@ -49,7 +49,16 @@ pub struct ChannelEstimate<T> {
     pub dense: DenseMultipath<T>,
     /// kappa in this frame.
     pub threshold: T,
-    /// Whether it was ended for its work.
+    /// What it has cost.
+    pub cost: Cost,
+}
+
+/// What a frame has cost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cost {
+    /// Work on it.
+    pub work: u32,
+    /// Whether it was ended for that.
     pub cut_short: bool,
 }
 
@@ -130,7 +139,7 @@ impl<T: Real> ChannelEstimator<T> {
 
     /// Estimates a frame's paths.
     pub fn estimate(&self, samples: Samples<'_>, first_sample_delay_s: T) -> ChannelEstimate<T> {
-        let (paths, noise, threshold, cut_short) = match samples {
+        let (paths, noise, threshold, cost) = match samples {
             Samples::Complex(samples) => {
                 let samples: Vec<[T; 2]> = samples.iter().map(|sample| sample.map(T::of)).collect();
                 complex::estimate(self, &samples, first_sample_delay_s)
@@ -145,7 +154,7 @@ impl<T: Real> ChannelEstimator<T> {
             self.sample_spacing_s,
             self.pulse.effective_duration_s(),
         );
-        ChannelEstimate { paths, noise, dense, threshold, cut_short }
+        ChannelEstimate { paths, noise, dense, threshold, cost }
     }
 
     /// The noise that a fit begins with.
