@@ -14,13 +14,15 @@ mod start;
 mod state;
 mod store;
 mod values;
+mod work;
 
 use self::integrity::Seals;
 use self::stages::{
-    Claimed, Explained, Heard, act, claim, conclude, hear, look_beside, look_through, planning,
-    propose_places, reader, remember, revise_map, slots,
+    Claimed, Explained, Heard, act, claim, conclude, hear, look_beside, look_through, propose_places, reader,
+    remember, revise_map,
 };
 use self::values::{Known, Place, Told, walls_now};
+use self::work::{planning, slots};
 use crate::config::Config;
 use crate::controller::Controllers;
 use crate::controller::reward::reward;
@@ -232,8 +234,7 @@ impl<
         let mut explained = Explained::default();
         for scan in scans.iter() {
             let claims = claim(discovery, &told, belief.leader(), clutter, scan, &mut claimed);
-            let [expected, updated] = HYPOTHESIS;
-            work.add(expected + updated, discovery.hypotheses(scan.anchor));
+            work.add(HYPOTHESIS, discovery.hypotheses(scan.anchor));
             let Some(claims) = claims else { continue };
             let surroundings = (&*plan, walls);
             let reader = reader(&told, receiver, clutter, scan);

@@ -243,7 +243,6 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
     fn through(&self, corners: &[Corner; 4], legs: u8, [first, second]: [usize; 2]) -> (f32, Crossing) {
         let [_, Corner { at_m: [ax, ay], .. }, Corner { at_m: [bx, by], .. }, _] = *corners;
         let (mut through, mut crossing) = (1.0, Crossing::None);
-        let mut legs_met = 0;
         for (index, beside) in self.beside.iter().enumerate() {
             let Beside { wall, normal: [nx, ny], from_m, to_m, .. } = *beside;
             let (a_m, b_m) = (nx * ax + ny * ay, nx * bx + ny * by);
@@ -265,7 +264,7 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
             while left != 0 {
                 let leg = left.trailing_zeros() as usize;
                 left &= left - 1;
-                legs_met += 1;
+                self.legs.set(self.legs.get().wrapping_add(1));
                 let Some([from, to]) = corners.get(leg..leg + 2) else { break };
                 let crossed = wall.crossed(from, leg == 0, to, surely & (1 << leg) != 0);
                 if crossed > 0.0 {
@@ -277,7 +276,6 @@ impl<const SEGMENTS: usize> Paths<'_, SEGMENTS> {
                 }
             }
         }
-        self.legs.set(self.legs.get().saturating_add(legs_met));
         (through, crossing)
     }
 

@@ -32,13 +32,13 @@ pub const UPDATE: u32 = 3_200;
 /// Mathematics: cost of looking for a source in the rest of a frame.
 pub const LOOK: u32 = 800;
 /// Mathematics: cost of a place where a candidate for a virtual anchor may be, which is expected, and updated.
-pub const HYPOTHESIS: [u32; 2] = [350, 2_500];
+pub const HYPOTHESIS: u32 = 2_850;
 /// Mathematics: cost of what the memories learn of a source.
 pub const LESSON: u32 = 1_200;
 /// Mathematics: cost of a source in planning, of each action for it, and of each cycle ahead beyond the first.
 pub const PLANNED: [u32; 3] = [1_500, 230, 54];
-/// Mathematics: what comparing a component with a scan is expected to cost at most but for rare ones: of itself, of each source, and of each
-/// measurement beside it.
+/// Mathematics: what comparing a component with a scan is expected to cost before it is known: of itself, of each source, and of each
+/// measurement beside it. Full scans of crowded places cost up to twice that.
 pub const EXPECTED: [u32; 3] = [20_000, 6_000, 250];
 
 /// Work done so far.

@@ -4,8 +4,7 @@ use super::joining::join;
 use super::values::{
     Known, Place, Seen, Told, detections_anywhere, discovery_view, leader_view, planning_state, walls_now,
 };
-use crate::config::WorkLimits;
-use crate::controller::{Controller, ControllerSettings, Controllers, Decision};
+use crate::controller::{Controller, Controllers, Decision};
 use crate::memory::channel::ChannelMemory;
 use crate::memory::clutter::ClutterMemory;
 use crate::memory::discovery::{Claims, Discovery};
@@ -15,13 +14,11 @@ use crate::memory::transmission::TransmissionMemory;
 use crate::model::availability::Walls;
 use crate::model::lateness::Lateness;
 use crate::model::plan::FloorPlan;
-use crate::model::work::{BACKGROUND, COMPONENT, CYCLE, EXPECTED, LOOK, PLACE, PLANNED, UPDATE, Work};
+use crate::model::work::{LOOK, UPDATE, Work};
 use crate::perceptor::association::outcome::{
     AssociatedScan, NormalisedInnovation, Outcomes, associate_scan,
 };
-use crate::perceptor::belief::proposal::{
-    ARCS, EARLIEST, Landmark, PROPOSED, Proposal, STRONG, Sweep, propose,
-};
+use crate::perceptor::belief::proposal::{Landmark, PROPOSED, Proposal, STRONG, Sweep, propose};
 use crate::perceptor::belief::{TagBelief, anywhere};
 use crate::perceptor::below_threshold::{Reader, missed};
 use crate::perceptor::receiver::{Receiver, Scans};
@@ -313,73 +310,6 @@ pub(super) fn propose_places<
         turn,
         work,
     )
-}
-
-/// What weighing so many places by all scans costs at most.
-fn weighing<const ANCHORS: usize, const SURFACES: usize, const SOURCES: usize, const PATHS: usize>(
-    environment: &EnvironmentMemory<SURFACES, SOURCES>,
-    scans: &Scans<ANCHORS, PATHS>,
-    places: usize,
-) -> Work {
-    let mut work = Work::NONE;
-    for scan in scans {
-        let sources = 1 + environment.images_of(scan.anchor).count();
-        let measurements = scan.measurements.len();
-        work.add_each(PLACE, places * sources, measurements);
-        work.add(BACKGROUND, places * measurements * measurements);
-    }
-    work
-}
-
-/// What planning costs with so many sources.
-pub(super) fn planning<const ANCHORS: usize, const ACTIONS: usize>(
-    told: &Told<'_, ANCHORS, ACTIONS>,
-    sources: usize,
-) -> Work {
-    let ControllerSettings { planned_actions, horizon, .. } = told.config.controller;
-    let actions = told.library.len();
-    let planned = planned_actions.min(actions);
-    let mut work = Work::NONE;
-    if ACTIONS > 1 && actions > 1 && planned > 0 {
-        let [source, action, ahead] = PLANNED;
-        work.add_each([source, action], sources, planned);
-        work.add(ahead, sources * planned * horizon.saturating_sub(1));
-    }
-    work
-}
-
-/// How many components a cycle has work for, once its frames are estimated.
-#[inline(never)]
-pub(super) fn slots<
-    const ANCHORS: usize,
-    const SURFACES: usize,
-    const SOURCES: usize,
-    const PATHS: usize,
-    const ACTIONS: usize,
-    const COMPONENTS: usize,
->(
-    belief: &TagBelief<ANCHORS, SURFACES, COMPONENTS>,
-    told: &Told<'_, ANCHORS, ACTIONS>,
-    environment: &EnvironmentMemory<SURFACES, SOURCES>,
-    scans: &Scans<ANCHORS, PATHS>,
-) -> usize {
-    let WorkLimits { anchor, comparisons } = told.config.work;
-    let [comparison, source, beside] = EXPECTED;
-    let mut others = planning(told, told.anchors.len() + environment.iter().count());
-    others.add(CYCLE, 1);
-    if belief.will_propose() {
-        others.add_all(weighing(environment, scans, ARCS * EARLIEST));
-    }
-    let mut component = Work::of(COMPONENT);
-    for scan in scans {
-        others.add_all(scan.work);
-        component.add(comparison, 1);
-        let sources = 1 + environment.images_of(scan.anchor).count();
-        component.add_each([source, beside], sources, scan.measurements.len());
-    }
-    let most = anchor.saturating_mul(scans.len() as u32);
-    let by_work = most.saturating_sub(others.instructions()) / component.instructions();
-    (by_work as usize).min(usize::from(comparisons) / scans.len().max(1))
 }
 
 /// Ends the update of the belief: nobody walks through the walls of the plan, where they `bar` ways, or out of its outline.

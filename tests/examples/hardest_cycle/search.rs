@@ -45,9 +45,9 @@ impl Tried {
 
 /// What a search found.
 pub struct Found {
-    /// Number of cases that were run, and of their cycles.
+    /// Number of cases that were run.
     pub searched: usize,
-    /// See there.
+    /// Number of their cycles.
     pub cycles: u64,
     /// The worst cases, the worst first.
     pub worst: Vec<Tried>,

@@ -127,7 +127,8 @@ impl<const PATHS: usize> Trellis<PATHS> {
         }
     }
 
-    /// Writes the beliefs of the cluster of so many features `gathered` in `rows`, its best path where that is asked for, and multiplies the evidence by its own; false where it needs more
+    /// Writes the beliefs of the cluster of so many features `gathered` in `rows`, and its best path where that is asked for, and
+    /// multiplies the evidence by its own; false where it needs more
     /// than `limit` values or its probabilities leave the range of `f32`.
     #[inline(never)]
     pub(super) fn solve<const SOURCES: usize>(
@@ -241,11 +242,10 @@ impl<const PATHS: usize> Trellis<PATHS> {
             // Capacities are equal: every push succeeds.
             let _ = takings.push(Taking { measurement, psi, before, after });
         }
-        let takings_now = takings.len();
+        // Each contested measurement is free in half of the states.
+        self.work.add_each([STEP, TAKING], 1, ((2 + takings.len()) << open.count_ones()) / 2);
         (self.step.feature, self.step.absent) = (feature, row.absent);
         (self.step.open, self.step.keep) = (open, keep);
-        // Each contested measurement is free in half of the states.
-        self.work.add_each([STEP, TAKING], 1, ((2 + takings_now) << open.count_ones()) / 2);
         Some(())
     }
 

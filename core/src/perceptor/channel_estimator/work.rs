@@ -5,7 +5,7 @@
 //! the paths found so far are the estimate. What every frame of as many samples costs, whatever is in it, comes before and is not limited.
 
 /// Capacity: work on the paths of a frame after which nothing more is begun, where nothing else is told.
-pub const MOST_WORK: u32 = 1_350_000;
+pub const MOST_WORK: u32 = 1_500_000;
 /// Mathematics: cost of what is done once in every frame, and of each of its samples there.
 pub const FRAME: [u32; 2] = [160_000, 75];
 /// Mathematics: cost of a sample in a pass of the level's fit, and what each path that reaches it adds.
